@@ -89,9 +89,9 @@ def who(vehicle: int | None, about: Labelled) -> str:
     return about.label(vehicle) if vehicle else "All followers"
 
 
-def joined(parts: Sequence[str]) -> str:
+def joined(parts: Sequence[str], word: str = "and") -> str:
     """Parts listed as in a sentence: "α, β and τ"."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    return f" {word} ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def capital(words: str) -> str:

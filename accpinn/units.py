@@ -25,7 +25,7 @@ def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Quantity:
     """A value with its interval; nan where nothing is known."""
 
     value: float
@@ -74,3 +74,22 @@ def stretches(mask: ArrayLike) -> tuple[Stretch, ...]:
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     pairs = zip(edges[::2], edges[1::2], strict=True)
     return tuple(Stretch(int(first), int(after) - 1) for first, after in pairs)
+
+
+HUGE = 1e300
+"""Stands for an infinite value where quantiles are taken."""
+
+
+def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper quantiles over the first axis of what is not nan; nan where most is.
+
+    An end among infinite values is infinite.
+    """
+    tails = (1.0 - level) / 2.0, (1.0 + level) / 2.0
+    values = np.clip(values, -HUGE, HUGE)  # the mean of two infinite ones is none
+    ends = np.quantile(values, tails, axis=0)
+    partly = np.isnan(ends[0]) & (np.isnan(values).mean(axis=0) <= 0.5)
+    if partly.any():
+        ends[:, partly] = np.nanquantile(values[:, partly], tails, axis=0)
+    ends = np.where(np.abs(ends) > 1e-9 * HUGE, np.copysign(np.inf, ends), ends)
+    return ends[0], ends[1]

@@ -20,7 +20,7 @@ import torch  # noqa: F401 (loaded before the first call is timed)
 from accpinn.channels import PARAMETERS
 from accpinn.inference.intervals import intervals
 from accpinn.methods import splines
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.methods.pinn.config import FAST, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case

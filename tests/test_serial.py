@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from accpinn.findings import Finding
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, flatten, restore
 from accpinn.units import FloatArray, Seconds

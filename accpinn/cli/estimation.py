@@ -29,7 +29,7 @@ from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import OnProgress, Outcome, Progress
+from accpinn.methods.estimate import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading

@@ -38,7 +38,7 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.model.registry import CTHPS
 from accpinn.recordings import Recording
 from accpinn.segment import Segment

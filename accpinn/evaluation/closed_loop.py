@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from accpinn.findings import Finding
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import simulate

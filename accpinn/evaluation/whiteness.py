@@ -29,7 +29,7 @@ from scipy.linalg import toeplitz
 from scipy.special import ndtr, ndtri
 
 from accpinn.findings import Finding, Labelled
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.model.registry import CTHPS, FOLLOWING, value_of
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds

@@ -36,7 +36,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
-from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
+from accpinn.units import Quantity, FloatArray, MetresPerSecond, Seconds
 
 LEFT_OUT, MOST_LEFT_OUT = 5, 150
 """Rounds of a chain that are left out for each window, and at most: many weak ones move it slowly.
@@ -107,7 +107,7 @@ AnswerFinding = HeterogeneousWindows | HeterogeneousFollowers | DrawnToOthers
 
 
 @dataclass(frozen=True)
-class Span(Estimate):
+class Span(Quantity):
     """A value with its interval as the car's typical one, and the interval in a further window."""
 
     further_lower: float

@@ -23,7 +23,7 @@ from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import joint_posterior, parameters_of
 from accpinn.methods import one_thread, simulation
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Fixed

@@ -1,4 +1,4 @@
-"""Estimation methods behind one signature: a segment, a case and settings in, a `Fit` out.
+"""Estimation methods behind one signature: windows, a case and settings in, an `Estimate` out.
 
 What a `Method` is to the rest of the package: a name, a function and its settings. Adding a method
 is one module with a `METHOD` beside this one, and one line in `registry`.
@@ -7,21 +7,27 @@ is one module with a `METHOD` beside this one, and one line in `registry`.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, Literal, ParamSpec, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from accpinn.errors import SegmentError
-from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.findings import joined
+from accpinn.methods.estimate import Checkpoint, Estimate, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import BEST, PAPER
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.registry import PAPER
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+Segments = tuple[Segment, ...]
+"""(K,) windows of the same vehicles."""
+PosteriorKind = Literal["likelihood", "simulation"]
+"""What an estimate's posterior comes from: the exact likelihood, or the errors of the closed-loop
+simulation."""
 TYPICAL_SAMPLES = 3001
 """Samples of a window of 300 s."""
 FURTHER = 0.35
@@ -62,16 +68,13 @@ class TaskContext:
     """Called several times a second while an iterative method runs."""
     should_stop: ShouldStop | None = None
     """Asked several times a second; True ends an iterative method early."""
+    on_estimate: Callable[[Estimate], object] | None = None
+    """Called with the point as soon as it is known, before its intervals are."""
 
     @property
     def is_stopped(self) -> bool:
         """Whether whoever asked for the estimation wants it to end."""
         return bool(self.should_stop and self.should_stop())
-
-
-def best_first(models: Sequence[str]) -> tuple[str, ...]:
-    """The models with the answer's first, by which a method then fits unless told otherwise."""
-    return BEST, *(model for model in models if model != BEST)
 
 
 @dataclass(frozen=True)
@@ -82,9 +85,10 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[tuple[Segment, ...], Case, Any, TaskContext, ModelSpec], tuple[Fit, ...]]
-    """Segments, case, settings (None for the defaults), context and model to a fit of each segment;
-    one that iterates reports its progress and can be stopped several times a second."""
+    run: Callable[[Segments, Case, Any, TaskContext, ModelSpec], Estimate]
+    """The windows (K,), the case, settings (None for the defaults), context and model to one
+    estimate of all windows; one that iterates reports its progress and can be stopped several times
+    a second."""
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
@@ -96,72 +100,92 @@ class Method:
     settings: type[Any] | None = None
     """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
-    """A few words on `Fit.config` that distinguish two fits of this method."""
+    """A few words on `Estimate.settings` that distinguish two estimates of this method."""
     is_closed_loop: bool = False
-    """Whether its trajectories are its closed-loop simulation and so no surrogate."""
-    allows_missing: bool = False
-    """Whether blocks of samples may be missing for longer than a straight line may bridge."""
-    duration: Callable[[Segment, Any], Seconds] | None = None
-    """How long it takes on a segment with settings, where that depends on these."""
+    """Whether its curves are its closed-loop simulation and so no surrogate."""
+    allows_missing: Callable[[Mapping[str, Any]], bool] = lambda _: False
+    """Whether, with settings as JSON, blocks of samples may be missing for longer than a straight
+    line may bridge."""
+    duration: Callable[[Segments, Any], Seconds] | None = None
+    """How long it takes on windows with settings, where that depends on these."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
-    takes_windows: bool = False
-    """Whether it estimates one parameter set from several windows; all others take one alone."""
     models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)
-    """Keys of the models that it can estimate with settings as JSON: first the one that it does
-    unless another is asked for; the paper's is among them."""
-    redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
-    """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
-    duration in s; None for a method whose curves cannot be drawn again."""
+    """Keys of the models that it can estimate with settings as JSON, of which the first is its
+    usual one."""
+    posterior: Callable[[Mapping[str, Any]], PosteriorKind | None] = lambda _: None
+    """By what its estimates have a posterior with settings as JSON; None for points."""
+    redraw: Callable[[Estimate, int, FloatArray, Seconds], Trajectories] | None = None
+    """The curves in a window (0 for the first) at instants (N,) in s, from `Estimate.arrays` alone,
+    and the window's duration in s; None for a method whose curves cannot be drawn again."""
 
-    def expected_seconds(self, segment: Segment, settings: Any = None) -> Seconds:
+    def expected_seconds(self, segments: Segments, settings: Any = None) -> Seconds:
         """How long it takes on two cores, to within a factor of two or so."""
         if self.duration:
-            return self.duration(segment, settings)
-        return self.typical_seconds * relative_size(segment)
+            return self.duration(segments, settings)
+        return self.typical_seconds * sum(map(relative_size, segments))
+
+    def usual_spec(self, settings: Any = None) -> ModelSpec:
+        """The model that is estimated unless another is named."""
+        return ModelSpec(self.models(self._json(settings))[0])
+
+    def check(self, spec: ModelSpec, settings: Any = None) -> None:
+        """Refuse a model that the method cannot estimate with its settings.
+
+        Raises:
+            ConfigError: naming the models that it can estimate, and what can estimate this one.
+        """
+        able = self.models(self._json(settings))
+        if spec.model not in able:
+            preset = self._json(settings).get("preset")
+            name = f"{self.key}, preset {preset}," if preset else self.key
+            raise ConfigError(
+                f"model: {name} cannot estimate {spec.model}; it can {joined(able, 'or')}. For"
+                f" {spec.model} choose the method simulation or the PiNN's preset fast or paper."
+            )
 
     def fit(
         self,
-        segment: Segment,
+        segments: Segment | Segments,
         case: Case = "II",
         settings: Any = None,
         context: TaskContext | None = None,
-        spec: ModelSpec = PAPER_SPEC,
-    ) -> Fit:
-        """Estimate the parameters of a segment; the arguments are those of `fits`."""
-        return self.fits((segment,), case, settings, context, spec)[0]
-
-    @one_thread
-    def fits(
-        self,
-        segments: tuple[Segment, ...],
-        case: Case = "II",
-        settings: Any = None,
-        context: TaskContext | None = None,
-        spec: ModelSpec = PAPER_SPEC,
-    ) -> tuple[Fit, ...]:
-        """Estimate the parameters of a segment, or those that several have in common.
-
-        A method without `takes_windows` would estimate each by itself; `study.run` refuses that.
+        spec: ModelSpec | None = None,
+    ) -> Estimate:
+        """Estimate the parameters of a window, or those that several have in common.
 
         Args:
-            segments: (K,) speeds (N, M+1) in m/s and space-gaps (N, M) in m of the same vehicles.
+            segments: one window or (K,): speeds (N, M+1) in m/s and space-gaps (N, M) in m of the
+                same vehicles.
             case: "I" for one parameter set, "II" for one per follower.
             settings: of the method's own type; None for its defaults.
             context: checkpoints, threads, progress and stop.
-            spec: one of the method's models.
-
-        Returns:
-            (K,) the fit of each; fewer where it was stopped before.
+            spec: the model; by default the method's usual one.
 
         Raises:
-            AccpinnError: when the segments or the settings cannot serve the method.
+            AccpinnError: when the windows, the settings or the model cannot serve the method.
         """
-        for segment in segments:
-            if segment.blocks_missing and not self.allows_missing:
-                raise _refusal(segment, self.title)
-        fits = self.run(segments, case, settings, context or TaskContext(), spec)
-        return tuple(replace(fit, model=spec.model) for fit in fits)
+        windows = (segments,) if isinstance(segments, Segment) else tuple(segments)
+        spec = spec or self.usual_spec(settings)
+        self.check(spec, settings)
+        if not self.allows_missing(self._json(settings)):
+            for segment in windows:
+                if segment.blocks_missing:
+                    raise _refusal(segment, self.title)
+        return self._run(windows, case, settings, context or TaskContext(), spec)
+
+    @one_thread
+    def _run(
+        self, segments: Segments, case: Case, settings: Any, context: TaskContext, spec: ModelSpec
+    ) -> Estimate:
+        return self.run(segments, case, settings, context, spec)
+
+    def _json(self, settings: Any) -> Mapping[str, Any]:
+        """Settings as JSON; those by default where None are given."""
+        if self.settings is None:
+            return {}
+        document: Mapping[str, Any] = (settings or self.settings.default()).to_json()
+        return document
 
 
 def relative_size(segment: Segment) -> float:
@@ -175,39 +199,28 @@ def _refusal(segment: Segment, title: str) -> SegmentError:
     where = max(first.windows, key=lambda window: window.duration)
     return SegmentError(
         f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
-        f' "{title}" needs all samples; take a window without it, or choose maximum-likelihood.'
+        f' "{title}" needs all samples; take a window without it, or choose the PiNN's preset calibrated.'
     )
 
 
 def direct(
     key: str,
     title: str,
-    fit: Callable[..., Fit],
+    fit: Callable[[Segments, Case, ModelSpec], Estimate],
     models: Sequence[str] = (PAPER,),
-    *,
-    takes_windows: bool = False,
     **others: Any,
 ) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed; see `Method`.
 
-    ``fit`` estimates the parameters of a segment, given the case, the model where there are further
-    ``models``, and all segments where it takes several; how long it took is measured here.
+    ``fit`` estimates the parameters of windows (K,), given the case and one of the ``models``; how
+    long it took is measured here.
     """
 
     def run(
-        segments: tuple[Segment, ...],
-        case: Case,
-        _settings: Any,
-        context: TaskContext,
-        spec: ModelSpec,
-    ) -> tuple[Fit, ...]:
-        started, fits = time.perf_counter(), list[Fit]()
-        given = (*((spec,) if len(models) > 1 else ()), *((segments,) if takes_windows else ()))
-        for segment in segments:
-            if fits and context.is_stopped:
-                break
-            fits.append(fit(segment, case, *given))
-        took = time.perf_counter() - started
-        return tuple(replace(estimated, seconds=took) for estimated in fits)
+        segments: Segments, case: Case, _settings: Any, _context: TaskContext, spec: ModelSpec
+    ) -> Estimate:
+        started = time.perf_counter()
+        estimate = fit(segments, case, spec)
+        return replace(estimate, seconds=time.perf_counter() - started)
 
-    return Method(key, title, run, models=lambda _: models, takes_windows=takes_windows, **others)
+    return Method(key, title, run, models=lambda _: models, **others)

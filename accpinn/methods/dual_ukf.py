@@ -28,7 +28,7 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment import Segment

@@ -20,7 +20,7 @@ IEEE Signal Processing Magazine 28 (2011) 111-117.
 from functools import partial
 
 from accpinn.methods import direct
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER

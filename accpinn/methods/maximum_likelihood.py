@@ -15,7 +15,7 @@ import numpy as np
 
 from accpinn.findings import Finding
 from accpinn.methods import best_first, direct
-from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
+from accpinn.methods.estimate import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
 from accpinn.methods.regression import Solution

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.methods.fit import FilterDiverged, FilterUncertain, Fit, Outcome, ParameterTrack
+from accpinn.methods.estimate import FilterDiverged, FilterUncertain, Fit, Outcome, ParameterTrack
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment import Segment

@@ -32,7 +32,7 @@ from dataclasses import replace
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.model.cthp import SPREAD, TYPICAL, Case
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask

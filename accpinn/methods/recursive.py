@@ -26,7 +26,7 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 import numpy as np
 
 from accpinn.methods import direct
-from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
+from accpinn.methods.estimate import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
 from accpinn.methods.online import kept_samples, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors

@@ -38,7 +38,7 @@ from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
 from accpinn.methods import best_first, direct, one_thread
-from accpinn.methods.fit import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
+from accpinn.methods.estimate import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel

@@ -18,7 +18,7 @@ from scipy.linalg import solveh_banded
 
 from accpinn.errors import SegmentError
 from accpinn.methods import direct
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.least_squares import MODELS, solved
 from accpinn.methods.pinn.config import FAST
 from accpinn.methods.pinn.evidence import SplineBasis

@@ -14,7 +14,7 @@ from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
-from accpinn.units import Estimate
+from accpinn.units import Quantity
 
 TYPICAL = (
     "Typical values rest on every window's posterior: first over the windows of a vehicle, then"
@@ -170,7 +170,7 @@ def spread_table(grouped: Groups) -> Table:
     if grouped.model in CTHPS:
         relative, shown = {"time_gap", "alpha", "beta"}, {"time_gap": gap_column(FASTEST)} | shown
         del shown["tau"]
-    kinds: tuple[tuple[str, Callable[[Group], dict[str, Estimate]]], ...] = (
+    kinds: tuple[tuple[str, Callable[[Group], dict[str, Quantity]]], ...] = (
         ("Between windows of a vehicle", lambda group: group.between_windows),
         ("Between vehicles", lambda group: group.between_vehicles),
     )
@@ -198,14 +198,14 @@ def _heads(grouped: Groups) -> list[Filled]:
     ]
 
 
-def _share(share: Estimate, group: Group) -> Cell:
+def _share(share: Quantity, group: Group) -> Cell:
     """The probability of one vehicle, else the share of several with its interval."""
     shown = _scaled(share, 100)
     return shown.value if isnan(share.value) or len(group.cars) == 1 else shown
 
 
-def _scaled(of: Estimate, factor: float) -> Estimate:
-    return Estimate(*(factor * value for value in (of.value, of.lower, of.upper)))
+def _scaled(of: Quantity, factor: float) -> Quantity:
+    return Quantity(*(factor * value for value in (of.value, of.lower, of.upper)))
 
 
 def failure_table(failures: Sequence[Failure]) -> Table:

@@ -29,7 +29,7 @@ from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Quantity, MetresPerSecond
 
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
@@ -273,7 +273,7 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
     return _of_followers(info, rows)
 
 
-def _estimate(of: Estimate) -> dict[str, float]:
+def _estimate(of: Quantity) -> dict[str, float]:
     return {"value": of.value, "low": of.lower, "high": of.upper}
 
 

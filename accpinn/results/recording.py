@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from accpinn.findings import percent
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window, agreement
 from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells

@@ -14,7 +14,7 @@ from accpinn.errors import ParameterError
 from accpinn.findings import capital
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws, growth
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -24,7 +24,7 @@ from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.result import Result
-from accpinn.units import Estimate, MetresPerSecond, RadiansPerSecond
+from accpinn.units import Quantity, MetresPerSecond, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -71,7 +71,7 @@ class KnownVehicles:
 
     def growth(
         self, order: Sequence[int], omega: RadiansPerSecond | None = None
-    ) -> Estimate | None:
+    ) -> Quantity | None:
         """How much a disturbance at ω grows along a platoon, by index of each of its vehicles.
 
         Without ω, at the frequency at which it grows most. None where no uncertainty is known, or
@@ -83,7 +83,7 @@ class KnownVehicles:
         platoon = self.vehicles.parameters[[*order]]
         at = head_to_tail_peaks(platoon).omega[-1] if omega is None else omega
         gain = np.abs(response(platoon, np.array([at]))).prod()
-        return Estimate(float(gain), lower, upper) if np.isfinite(lower) else None
+        return Quantity(float(gain), lower, upper) if np.isfinite(lower) else None
 
     def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.

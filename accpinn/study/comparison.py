@@ -22,7 +22,7 @@ import numpy as np
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters

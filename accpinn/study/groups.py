@@ -45,7 +45,7 @@ from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
-from accpinn.units import Estimate, FloatArray, MetresPerSecond
+from accpinn.units import Quantity, FloatArray, MetresPerSecond
 
 GROUPABLE = ("make", "model", "distance_setting", "campaign", "mode", "name", "file", "date")
 """Columns that rows may be grouped by."""
@@ -70,7 +70,7 @@ class Group:
     """Followers of windows: K."""
     vehicles: int
     """Different names within a campaign; where a file names none, its vehicles count by number."""
-    mean_time_gap: Estimate
+    mean_time_gap: Quantity
     """In s: the median, and the quartiles of the windows."""
     model: str
     level: float
@@ -109,7 +109,7 @@ class Group:
         return not (speed < low or speed > high)
 
     @cached_property
-    def between_windows(self) -> dict[str, Estimate]:
+    def between_windows(self) -> dict[str, Quantity]:
         """Within what deviation 68 % of a vehicle's windows lie; empty where none has two.
 
         That of a CTHP's terms and of parameters that may be negative is absolute, all others are
@@ -120,23 +120,23 @@ class Group:
         return self._spread(np.mean(variances, axis=0)) if variances else {}
 
     @cached_property
-    def between_vehicles(self) -> dict[str, Estimate]:
+    def between_vehicles(self) -> dict[str, Quantity]:
         """How far the typical values of vehicles differ, as above; empty for one vehicle."""
         if len(self.cars) < 2:
             return {}
         return self._spread(np.diagonal(self.drawn.covariance, axis1=1, axis2=2))
 
     @cached_property
-    def l2_stable(self) -> Estimate:
+    def l2_stable(self) -> Quantity:
         """The share of vehicles that are L₂ string stable."""
         return self._share(l2_margin)
 
     @cached_property
-    def linf_stable(self) -> Estimate:
+    def linf_stable(self) -> Quantity:
         """The share of vehicles that are L∞ string stable, by the exact criterion."""
         return self._share(exact_margin)
 
-    def _share(self, margin: Any) -> Estimate:
+    def _share(self, margin: Any) -> Quantity:
         drawn = (
             parameters_of(
                 self.model, _evenly(possible(self.model, car.value, at), STABILITY_DRAWS), at
@@ -155,7 +155,7 @@ class Group:
         )
         return parameters_of(self.model, self.drawn.middle, at), value, further
 
-    def _spread(self, variances: FloatArray) -> dict[str, Estimate]:
+    def _spread(self, variances: FloatArray) -> dict[str, Quantity]:
         names = self.names
         deviations = WITHIN * np.sqrt(variances)
         if self.model in CTHPS:
@@ -164,7 +164,7 @@ class Group:
             deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
         low, high = interval_ends(deviations, self.level)
         rows = np.array([np.median(deviations, axis=0), low, high]).T
-        return {name: Estimate(*map(float, row)) for name, row in zip(names, rows, strict=True)}
+        return {name: Quantity(*map(float, row)) for name, row in zip(names, rows, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
         values=tuple(map(str, key)),
         windows=len(rows),
         vehicles=len(who.drop_duplicates()),
-        mean_time_gap=Estimate(*quartiles),
+        mean_time_gap=Quantity(*quartiles),
         model=model,
         level=level,
         drawn=_together(cars, model),
@@ -295,11 +295,11 @@ def _evenly(drawn: FloatArray, count: int) -> FloatArray:
     return np.asarray(drawn[np.linspace(0, len(drawn) - 1, min(len(drawn), count)).astype(int)])
 
 
-def share(probabilities: FloatArray, level: float = LEVEL) -> Estimate:
+def share(probabilities: FloatArray, level: float = LEVEL) -> Quantity:
     """The share of stable vehicles, from the probability (V,) of each to be stable."""
     count = len(probabilities)
     if not count:
-        return Estimate(np.nan, np.nan, np.nan)
+        return Quantity(np.nan, np.nan, np.nan)
     weights = np.ones(1)  # of each possible number of stable ones
     for p in probabilities:
         weights = np.convolve(weights, [1.0 - p, p])
@@ -313,4 +313,4 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Estimate:
 
     tail, value = (1.0 - level) / 2.0, float(np.mean(probabilities))
     # A share of 0 or 1 is an end of its interval.
-    return Estimate(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))
+    return Quantity(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))

@@ -31,7 +31,7 @@ from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import Fit, Outcome, ParameterTrack
+from accpinn.methods.estimate import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap, value_of

@@ -8,7 +8,7 @@ from itertools import combinations
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import CacheProblem
+from accpinn.methods.estimate import CacheProblem
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of

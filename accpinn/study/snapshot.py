@@ -35,7 +35,7 @@ from accpinn.evaluation.whiteness import Whiteness
 from accpinn.inference.answer import Answer
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
+from accpinn.methods.estimate import Fit, History, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories

@@ -22,14 +22,14 @@ import msgspec
 import numpy as np
 
 from accpinn.errors import SnapshotError
-from accpinn.methods.fit import Checkpoint
+from accpinn.methods.estimate import Checkpoint
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, read_arrays, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SCHEMA, SUFFIX, read, read_file, to_bytes
-from accpinn.units import Estimate, MetresPerSecond, Seconds
+from accpinn.units import Quantity, MetresPerSecond, Seconds
 
 INDEX = f"index{SCHEMA}.sqlite"
 """Another index is made from the files with every schema of theirs."""
@@ -88,7 +88,7 @@ class Entry:
     lower: tuple[tuple[float, float, float], ...] = ()
     """Lower ends of their intervals; empty where these were not computed."""
     upper: tuple[tuple[float, float, float], ...] = ()
-    time_gap: Estimate | None = None
+    time_gap: Quantity | None = None
     """The answer's for the first follower, in s at ``speed``; None where there is no answer yet."""
     speed: MetresPerSecond = 0.0
     with_data: bool = False
@@ -121,7 +121,7 @@ class Entry:
             parameters=_rows(result.parameters),
             lower=lower,
             upper=upper,
-            time_gap=Estimate(span.value, span.lower, span.upper) if span else None,
+            time_gap=Quantity(span.value, span.lower, span.upper) if span else None,
             speed=answer.stated_speed if answer else 0.0,
             with_data=bool(result.segments),
         )

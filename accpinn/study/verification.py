@@ -23,7 +23,7 @@ import numpy as np
 from accpinn.errors import AccpinnError
 from accpinn.evaluation import of_blocks
 from accpinn.inference.intervals import SLACK, agree, from_draws, with_estimates
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Recording, facts_of

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import TaskContext, relative_size
-from accpinn.methods.fit import History, Outcome, Progress, Recorder
+from accpinn.methods.estimate import History, Outcome, Progress, Recorder
 from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories

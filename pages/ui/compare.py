@@ -14,7 +14,7 @@ from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, WIDE, profiles
 from accpinn.inference.intervals import OutsideInterval, interval_ends
-from accpinn.methods.fit import ParameterTrack
+from accpinn.methods.estimate import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA

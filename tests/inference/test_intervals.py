@@ -23,7 +23,7 @@ from accpinn.inference.intervals import (
 )
 from accpinn.inference.prediction import SIMULATIONS
 from accpinn.methods import least_squares, maximum_likelihood
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.series import stride_of
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.stability.criteria import response

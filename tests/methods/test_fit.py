@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods import fit
-from accpinn.methods.fit import History, Progress, Recorder
+from accpinn.methods.estimate import History, Progress, Recorder
 from accpinn.model.cthp import Parameters
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from accpinn import Case, Fit, Recording, Segment, cut
 from accpinn.methods import dual_ukf, particle, recursive
-from accpinn.methods.fit import BoundActive, BoundActiveAtTimes, FilterDiverged, Outcome
+from accpinn.methods.estimate import BoundActive, BoundActiveAtTimes, FilterDiverged, Outcome
 from accpinn.methods.online import TRACK_EVERY
 from accpinn.model.cthp import regressors
 from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of

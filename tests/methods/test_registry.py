@@ -12,7 +12,7 @@ import pytest
 
 from accpinn import METHODS, Analysis, Case, Fit, PinnConfig, Segment, cut
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import (
+from accpinn.methods.estimate import (
     BoundActive,
     FilterUncertain,
     Outcome,

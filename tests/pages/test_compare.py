@@ -9,7 +9,7 @@ from accpinn import METHODS, Result, messages
 from accpinn.errors import SegmentError
 from accpinn.inference.answer import Answer
 from accpinn.inference.answer import answer as answer_of
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Continued, Outcome
+from accpinn.methods.estimate import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
 from accpinn.model.published import ASTAZERO_ALIKE

@@ -9,7 +9,7 @@ import pytest
 import streamlit as st
 from streamlit import config
 
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.recordings import Window
 from accpinn.recordings.files import read

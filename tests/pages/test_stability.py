@@ -9,7 +9,7 @@ import pytest
 
 from accpinn import Library, Parameters, stability_report
 from accpinn.errors import AccpinnError
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION

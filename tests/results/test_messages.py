@@ -16,7 +16,7 @@ from accpinn.inference.answer import Answer, Span, answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -41,7 +41,7 @@ from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.studies import Failure
-from accpinn.units import Estimate
+from accpinn.units import Quantity
 from tests.support import studies
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 from tests.support.snapshots import altered, delayed, small, whole
@@ -136,7 +136,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", TESLA, CALM), ["from the leader to the last"]),
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.grown(1.00002), ["less than 0.5 %"]),
-    (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
+    (lambda: on_stability.grown(3.4, Quantity(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
     (lambda: on_platoon.disturbance(*behind_a_wave(*[AUDI] * 8)),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
     (lambda: on_platoon.smallest_gap(*behind_a_wave(*[AUDI] * 8)),

@@ -14,7 +14,7 @@ import accpinn
 from accpinn import METHODS, Parameters, Segment, Store, preset
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
-from accpinn.methods.fit import CacheProblem, ParameterTrack
+from accpinn.methods.estimate import CacheProblem, ParameterTrack
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
 from accpinn.serial import dump, flatten, restore

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import BEST

@@ -16,7 +16,7 @@ from accpinn import METHODS, Analysis, Parameters, Result, load, preset, run
 from accpinn.errors import SnapshotError
 from accpinn.evaluation import of_blocks
 from accpinn.inference.intervals import from_draws, with_estimates
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.segment import WindowShortened

@@ -13,7 +13,7 @@ from msgspec import structs
 
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings import Recording, Window

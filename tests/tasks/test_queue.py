@@ -15,7 +15,7 @@ import pytest
 from accpinn import Analysis, Fit, Parameters, PinnConfig, Recording, Result, Store
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import History, Outcome, Progress
+from accpinn.methods.estimate import History, Outcome, Progress
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.study import single_window
 from accpinn.study.result import result_of

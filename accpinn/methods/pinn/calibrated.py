@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.likelihood import Ascending, ascend, log_errors, natural, vanishing
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import PinnConfig

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
+from accpinn.methods.estimate import Fit, HiddenLayersGain, Outcome
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, Motion, Training, loss_terms, trajectories
 from accpinn.methods.pinn.network import Network

@@ -37,7 +37,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from accpinn.methods.fit import Fit, MethodFinding, Undetermined
+from accpinn.methods.estimate import Fit, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
 from accpinn.methods.pinn.loss import Motion, command_columns

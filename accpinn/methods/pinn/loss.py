@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from accpinn.methods.fit import Checkpoint, Fit, Outcome, Progress
+from accpinn.methods.estimate import Checkpoint, Fit, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories

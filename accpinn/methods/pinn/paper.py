@@ -21,7 +21,7 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
+from accpinn.methods.estimate import Checkpoint, Fit, HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,

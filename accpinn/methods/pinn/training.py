@@ -20,7 +20,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.methods import TYPICAL_SAMPLES, Method, TaskContext, best_first
-from accpinn.methods.fit import Continued, Fit, Outcome, Recorder
+from accpinn.methods.estimate import Continued, Fit, Outcome, Recorder
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,

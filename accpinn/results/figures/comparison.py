@@ -19,7 +19,7 @@ from accpinn.evaluation.whiteness import Correlogram
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import LEVEL, interval_ends
-from accpinn.methods.fit import ParameterTrack
+from accpinn.methods.estimate import ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import time_gap

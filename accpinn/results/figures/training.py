@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, Quantity
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
-from accpinn.methods.fit import History
+from accpinn.methods.estimate import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of, value_of
 from accpinn.results.figures import style

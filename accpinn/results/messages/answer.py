@@ -7,7 +7,7 @@ from typing import NamedTuple
 from accpinn.findings import all_of, capital, joined, percent, who
 from accpinn.inference.answer import SPEEDS, Answer, HeterogeneousFollowers
 from accpinn.inference.trust import trust_of_several
-from accpinn.methods.fit import Fit
+from accpinn.methods.estimate import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
@@ -18,7 +18,7 @@ from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment
 from accpinn.study.result import Result
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Quantity, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
@@ -144,7 +144,7 @@ def papers_estimate(fit: Fit) -> str:
     return PAPERS_ESTIMATE if fit.model == PAPER else PAPERS_LOSS
 
 
-def time_gap_in_words(gap: Estimate, speed: MetresPerSecond, level: float | None = None) -> str:
+def time_gap_in_words(gap: Quantity, speed: MetresPerSecond, level: float | None = None) -> str:
     """As "1.18 s at 100 km/h (1.05–1.31)"; a level is named with its interval."""
     digits = supported_digits(gap.lower, gap.upper, 2)
     typical = between(gap.lower, gap.upper, digits).replace(" to ", "–")

@@ -8,7 +8,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.stability import MAY_AMPLIFY, three
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
-from accpinn.units import Estimate
+from accpinn.units import Quantity
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a simulation with such parameters assumes."""
@@ -56,7 +56,7 @@ def disturbance(run: PlatoonRun, cast: Cast) -> str:
     return f"The {what} {most} at {cast.spoken(largest)}, and {last}"
 
 
-def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Estimate | None:
+def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
     """The last follower's amplitude by the leader's, with its interval.
 
     None where no uncertainty is known, behind a leader that is no sinusoid or of which no period

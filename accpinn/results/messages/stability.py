@@ -17,7 +17,7 @@ from accpinn.stability import (
     Verdict,
     assessment,
 )
-from accpinn.units import Estimate, FloatArray
+from accpinn.units import Quantity, FloatArray
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 _UNSTABLE = (
@@ -227,7 +227,7 @@ def _peaks_along(report: StabilityReport) -> str:
     )
 
 
-def grown(gain: float, ends: Estimate | None = None, level: float | None = None) -> str:
+def grown(gain: float, ends: Quantity | None = None, level: float | None = None) -> str:
     """How much disturbances grow by a gain, as the end of "they grow": "by up to 28 % (19–38 %)".
 
     Args:
@@ -324,7 +324,7 @@ def becomes(
         ends, level = None, known.level if known and is_headline else None
         if known:
             spread = known.peak_gain
-            ends = Estimate(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
+            ends = Quantity(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
         at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
         peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))

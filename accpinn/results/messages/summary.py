@@ -15,7 +15,7 @@ from accpinn.inference.identifiability import WIDE, wide_intervals
 from accpinn.inference.intervals import SYMBOLS, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS

@@ -27,7 +27,7 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
-from accpinn.methods.fit import History
+from accpinn.methods.estimate import History
 from accpinn.model.cthp import Trajectories
 from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon

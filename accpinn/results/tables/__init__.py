@@ -20,7 +20,7 @@ from markupsafe import Markup, escape
 from accpinn.channels import Quantity
 from accpinn.findings import probability
 from accpinn.results.glossary import MEANINGS
-from accpinn.units import Estimate, FloatArray
+from accpinn.units import Quantity, FloatArray
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -37,12 +37,12 @@ class Range(NamedTuple):
 class Marked:
     """A cell with an asterisk, and the sentence that changes how it is read."""
 
-    cell: "str | Estimate"
+    cell: "str | Quantity"
     why: str
     mark: str = "*"
 
 
-Cell = str | float | Range | Estimate | Marked | None
+Cell = str | float | Range | Quantity | Marked | None
 Values = Sequence[float] | FloatArray
 
 ABSENT = "–"
@@ -142,7 +142,7 @@ class Column:
             return self._range(cell)
         if isinstance(cell, Marked):
             return f"{self.shown(cell.cell)}{cell.mark}"
-        if isinstance(cell, Estimate):
+        if isinstance(cell, Quantity):
             value, ends = self._estimate(cell)
             return value if self.is_brief or not ends else f"{value} ({ends})"
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
@@ -159,11 +159,11 @@ class Column:
 
     def html(self, cell: Cell) -> Markup:
         """The same for a web page: where there is little room, an interval has its own line."""
-        why = "" if self.is_brief or not isinstance(cell, Estimate) or cell.is_inside else OUTSIDE
+        why = "" if self.is_brief or not isinstance(cell, Quantity) or cell.is_inside else OUTSIDE
         sign = "*"
         if isinstance(cell, Marked):
             why, sign, cell = cell.why, cell.mark, cell.cell
-        value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
+        value, ends = self._estimate(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
         if not isinstance(cell, str):
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
@@ -172,7 +172,7 @@ class Column:
         interval = f" <span>({escape(ends)})</span>" if ends else ""
         return Markup(f"{escape(value)}{mark}{interval}")
 
-    def _estimate(self, cell: Estimate) -> tuple[str, str]:
+    def _estimate(self, cell: Quantity) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
         if math.isnan(cell.value) and math.isnan(cell.lower):
             return ABSENT, ""
@@ -197,9 +197,9 @@ Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
 
-def estimate_cells(values: Values, low: Values, high: Values) -> list[Estimate]:
+def estimate_cells(values: Values, low: Values, high: Values) -> list[Quantity]:
     """(K,) values with their intervals."""
-    return [*map(Estimate, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
+    return [*map(Quantity, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
 
 
 def percent_cells(shares: Values) -> list[Cell]:
@@ -365,7 +365,7 @@ def latex(text: str) -> str:
 def _parts(cell: Cell) -> tuple[Cell, ...]:
     """A cell as those that it takes in a CSV file."""
     bare = cell.cell if isinstance(cell, Marked) else cell
-    if isinstance(bare, Estimate):
+    if isinstance(bare, Quantity):
         return bare.value, bare.lower, bare.upper
     return tuple(cell) if isinstance(cell, Range) else (cell,)
 

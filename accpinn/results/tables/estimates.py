@@ -12,7 +12,7 @@ from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.estimate import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
@@ -34,7 +34,7 @@ from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, beyond, wins
 from accpinn.study.result import Result
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Quantity, MetresPerSecond
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
@@ -95,7 +95,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
     known = result.uncertainty if with_intervals else None
-    estimated = [*parameter_cells(fit.parameters, "Estimate" if known else "", fit.model, known)]
+    estimated = [*parameter_cells(fit.parameters, "Quantity" if known else "", fit.model, known)]
     estimated += probability_cells(known) if known else ()
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(by_hand(info))),
@@ -210,7 +210,7 @@ def comparison_table(
             parts = (found, known.lower, known.upper) if known else (found,)
             value, *ends = (float(part.complete[k, at]) for part in parts)
             is_there = value or at < len(PARAMETER_COLUMNS)
-            cells.append((Estimate(value, *ends) if ends else value) if is_there else None)
+            cells.append((Quantity(value, *ends) if ends else value) if is_there else None)
         filled.append((replace(column, is_brief=True), cells))
     return Table.of(f"Estimates side by side, {where(result.info, windows=result.infos)}", filled)
 
@@ -309,7 +309,7 @@ def marked_at_least(model: str, name: str, *parts: Parameters) -> Cell:
 
     A lag or delay at the least that is sought has a mark.
     """
-    cell = Estimate(*(float(value_of(model, part, name)) for part in parts))
+    cell = Quantity(*(float(value_of(model, part, name)) for part in parts))
     if name not in ("lag", "delay") or not cell.lower < cell.upper:
         return cell
     if model in CTHPS:
@@ -328,7 +328,7 @@ def with_legend(caption: str, filled: Sequence[Filled]) -> Table:
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a model, for one follower (0 for the first): estimates and intervals."""
-    group = f"Estimate ({100 * LEVEL:.0f} % interval)"
+    group = f"Quantity ({100 * LEVEL:.0f} % interval)"
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
     parts = [(f.form, [of[follower] for of in (f.parameters, f.lower, f.upper)]) for f in forms]
     for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS):

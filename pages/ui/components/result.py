@@ -11,7 +11,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import HeterogeneousFollowers
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import History, Outcome
+from accpinn.methods.estimate import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, has_terms_of

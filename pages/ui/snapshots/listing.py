@@ -28,7 +28,7 @@ from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Quantity, MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
@@ -119,7 +119,7 @@ def first_estimate(entry: Entry) -> str:
         return f"{label}: {time_gap_in_words(entry.time_gap, entry.speed)}"
     unknown = ((np.nan,) * 3,)
     sets = (entry.parameters, entry.lower or unknown, entry.upper or unknown)
-    own = zip(PARAMETER_COLUMNS, map(Estimate, *(rows[0] for rows in sets)), strict=True)
+    own = zip(PARAMETER_COLUMNS, map(Quantity, *(rows[0] for rows in sets)), strict=True)
     shown = (
         f"{column.title} {replace(column, is_brief=True).shown(estimate)} {column.unit}"
         for column, estimate in own
@@ -207,7 +207,7 @@ def _estimates(result: Result, follower: int, speed: MetresPerSecond | None) -> 
 
 
 def _value(cell: Cell) -> float:
-    value = cell.value if isinstance(cell, Estimate) else cell
+    value = cell.value if isinstance(cell, Quantity) else cell
     return value if isinstance(value, float) else np.nan
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache, partial
 import streamlit as st
 
 from accpinn.errors import SnapshotError
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.recordings import Recording
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import render_report

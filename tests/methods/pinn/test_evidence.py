@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 
 from accpinn import Case, Parameters, Segment, intervals
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.methods.fit import Outcome, Progress
+from accpinn.methods.estimate import Outcome, Progress
 from accpinn.methods.likelihood import Criterion, log_errors, search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima

@@ -13,7 +13,7 @@ from accpinn import Case, Fit, Parameters, PinnConfig, Segment, Store, preset
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import splines
-from accpinn.methods.fit import (
+from accpinn.methods.estimate import (
     Checkpoint,
     Continued,
     HiddenLayersGain,

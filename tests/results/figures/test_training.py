@@ -7,7 +7,7 @@ import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods import splines
-from accpinn.methods.fit import History
+from accpinn.methods.estimate import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import training

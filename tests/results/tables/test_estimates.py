@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -48,14 +48,14 @@ from accpinn.study import Analysis
 from accpinn.study.comparison import compare
 from accpinn.study.result import Result
 from accpinn.study.run import run
-from accpinn.units import Estimate
+from accpinn.units import Quantity
 from tests.support.openacc_files import recording
 from tests.support.samples import FOLDER, PLATOON, sample
 from tests.support.snapshots import altered, result_for
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
 GROUP, OWN, SIMULATED = (
-    "Estimate (90 % interval)", "Surrogate fit, MAE", "Closed-loop simulation, MAE"
+    "Quantity (90 % interval)", "Surrogate fit, MAE", "Closed-loop simulation, MAE"
 )  # fmt: skip
 L2, LINF = "L₂ string stability", "L∞ string stability"
 SEGMENT = cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
@@ -69,7 +69,7 @@ def column(table: Table, title: str, group: str = "") -> list[Any]:
     """The cells of the one column of that title and group; an estimate as a tuple."""
     (k,) = (k for k, c in enumerate(table.columns) if (c.title, c.group) == (title, group))
     cells = [row[k] for row in table.rows]
-    return [astuple(cell) if isinstance(cell, Estimate) else cell for cell in cells]
+    return [astuple(cell) if isinstance(cell, Quantity) else cell for cell in cells]
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,7 @@ def test_the_measured_gain_as_a_table() -> None:
     found = measured_gain(segment, 0)
     table = measured_gain_table(segment.labels[1], found)
     assert len(table.rows) == len(found.omega)
-    assert table.rows[3][1] == Estimate(found.gain[3], found.lower[3], found.upper[3])
+    assert table.rows[3][1] == Quantity(found.gain[3], found.lower[3], found.upper[3])
     assert table.to_latex().isascii()
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from accpinn.findings import probability
 from accpinn.results.tables import ABSENT, Cell, Column, Range, Table, between, latex, percent_cells
-from accpinn.units import Estimate
+from accpinn.units import Quantity
 from tests.support.html import Reader
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
@@ -40,16 +40,16 @@ def read_csv(table: Table) -> list[list[str]]:
         (Column("Time", "s", 2, least=True), 0.0, "0.00"),
         (Column("Time", "s", 2, least=True), 0.0004, "< 0.01"),
         (Column("Time", "s", 2, least=True), 0.006, "0.01"),
-        (LEARNED, Estimate(0.014712, 0.0095, 0.0198), "0.0147 (0.0095–0.0198)"),
-        (LEARNED, Estimate(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
-        (LEARNED, Estimate(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
-        (LEARNED, Estimate(3.0, 0.0, 60.0), "3 (0–60)"),
-        (LEARNED, Estimate(3.0, -0.4, 60.0), "3 (0–60)"),
-        (LEARNED, Estimate(3.0, -0.6, 60.0), "3 (-1 to 60)"),
-        (LEARNED, Estimate(1.5203, 1.29, INF), "1.52 (1.29 or more)"),
-        (LEARNED, Estimate(0.2, NAN, NAN), "0.20 (–)"),
-        (LEARNED, Estimate(NAN, 1.0, 1.4), "– (1.00–1.40)"),
-        (Column.chance("Stable"), Estimate(0.0, 0.0, 57.0), "under 1 (0–57)"),
+        (LEARNED, Quantity(0.014712, 0.0095, 0.0198), "0.0147 (0.0095–0.0198)"),
+        (LEARNED, Quantity(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
+        (LEARNED, Quantity(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
+        (LEARNED, Quantity(3.0, 0.0, 60.0), "3 (0–60)"),
+        (LEARNED, Quantity(3.0, -0.4, 60.0), "3 (0–60)"),
+        (LEARNED, Quantity(3.0, -0.6, 60.0), "3 (-1 to 60)"),
+        (LEARNED, Quantity(1.5203, 1.29, INF), "1.52 (1.29 or more)"),
+        (LEARNED, Quantity(0.2, NAN, NAN), "0.20 (–)"),
+        (LEARNED, Quantity(NAN, 1.0, 1.4), "– (1.00–1.40)"),
+        (Column.chance("Stable"), Quantity(0.0, 0.0, 57.0), "under 1 (0–57)"),
     ],
 )
 def test_a_cell_has_the_digits_that_it_supports(column: Column, cell: Cell, shown: str) -> None:

@@ -1,0 +1,576 @@
+"""What every estimation method returns: one `Estimate` of one window or of several."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.errors import ConfigError
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.following import FollowingModel
+from accpinn.model.registry import time_gap, value_of
+from accpinn.model.spec import ModelSpec
+from accpinn.segment import Segment, median_speeds
+from accpinn.serial import NamedEnum
+from accpinn.units import FloatArray, MetresPerSecond, Quantity, Seconds, interval_ends
+
+
+class Outcome(NamedEnum):
+    """How an estimation ended; the values are the sentences that users read."""
+
+    SOLVED = "Solved: no change of the estimate improves its criterion."
+    CONVERGED = "Converged: further iterations would not noticeably change the estimate."
+    FILTERED = "Filtered: every instant was processed once, in the order of time."
+    FINISHED = "Finished: all planned iterations were run; the estimate may still change."
+    STOPPED = (
+        "Stopped by the user: the parameters are those of the last iteration; it can be continued."
+    )
+    DIVERGED = (
+        "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
+        " learning rate or from other initial values."
+    )
+
+
+class BoundActive(Finding, frozen=True):
+    """The rational driving constraints hold components of θ at zero."""
+
+    text = (
+        "{vehicle}: the rational driving constraints hold {names} at zero; without them the"
+        " estimate is α = {free.alpha:.4f}, β = {free.beta:.4f}, τ = {free.tau:.3f}, which suggests"
+        " a delay or a model that does not fit."
+    )
+
+    vehicle: int
+    names: tuple[str, ...]
+    """The components: some of α, ατ and β."""
+    unconstrained: tuple[float, float, float]
+    """The estimate of θ without the constraints."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"free": Parameters.from_theta(self.unconstrained)}
+
+
+class BoundActiveAtTimes(Finding, frozen=True):
+    """A bound was active for a part of the time over which an online estimate is averaged."""
+
+    text = (
+        "{vehicle}: {name} was at its bound, zero, for {share:.0%} of the time over which the"
+        " parameters are averaged."
+    )
+
+    vehicle: int
+    name: str
+    """The component: α, ατ or β."""
+    share: float
+    """Share of the time, 0 to 1."""
+
+
+class WeaklyDetermined(Finding, frozen=True):
+    """The recording does not determine α, β and τ; other sets reproduce it equally well."""
+
+    text = (
+        "{vehicle}: the recording does not determine α, β and τ; these parameters are one"
+        " possibility of many."
+    )
+
+    vehicle: int | None
+    """None for the one set that all followers share."""
+
+
+class Undetermined(Finding, frozen=True):
+    """Parameters of a model about which the data say hardly more than the prior."""
+
+    text = (
+        "{vehicle}: these data say hardly more about {symbols} of the {model} than is known of cars"
+        " beforehand."
+    )
+
+    vehicle: int
+    model: str
+    """Its title."""
+    symbols: tuple[str, ...]
+
+
+class FilterUncertain(Finding, frozen=True):
+    """A filter's gain that is not significantly different from zero at the end."""
+
+    text = (
+        "{vehicle}: {name} = {value:.4f} has a standard deviation of {deviation:.4f} in the filter,"
+        " so it is not significantly different from zero."
+    )
+
+    vehicle: int
+    name: str
+    """α or β."""
+    value: float
+    deviation: float
+    """The filter's standard deviation."""
+
+
+class FilterDiverged(Finding, frozen=True):
+    """The measurements jump by more than vehicles can, and a covariance lost its meaning."""
+
+    text = (
+        "{source}: the filter diverged, as speeds and space-gaps jump by more than vehicles can;"
+        " choose another window."
+    )
+
+
+class SimulatedSeparately(Finding, frozen=True):
+    """Each follower was simulated behind its measured predecessor."""
+
+    text = (
+        "Each follower is fitted behind its measured predecessor; in a simulation of the platoon"
+        " behind its leader alone, the errors of the vehicles ahead add up."
+    )
+
+
+class HiddenLayersGain(Finding, frozen=True):
+    """What training the hidden layers contributed: Ψ before and after."""
+
+    text = "Training hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+z.1%})."
+
+    before: float
+    after: float
+
+    def _words(self, about: Labelled) -> Words:
+        return {"change": self.after / self.before - 1}
+
+
+class HoldoutLoss(Finding, frozen=True):
+    """The loss at random instants that were kept out of training."""
+
+    text = (
+        "At {instants} random instants that were kept out of training the loss has Ψ_D ="
+        " {data:#.4g} (distance from the data) and Ψ_F = {physics:#.4g} (misfit of the model)."
+        " Instants beside them were learned from, so in another window both are larger."
+    )
+
+    instants: int
+    data: float
+    """Ψ_D."""
+    physics: float
+    """Ψ_F."""
+
+
+class Continued(Finding, frozen=True):
+    """The training resumed from a checkpoint."""
+
+    text = "Continued from iteration {iteration:,} of an earlier training."
+
+    iteration: int
+
+
+class CacheProblem(Finding, frozen=True):
+    """A file of the cache that could not be used, read or written."""
+
+    text = "{problem}"
+
+    problem: str
+    """A sentence of the store, which names the file and the cure."""
+
+
+MethodFinding = (
+    BoundActive
+    | BoundActiveAtTimes
+    | WeaklyDetermined
+    | Undetermined
+    | FilterUncertain
+    | FilterDiverged
+    | SimulatedSeparately
+    | HiddenLayersGain
+    | HoldoutLoss
+    | Continued
+    | CacheProblem
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterTrack:
+    """Parameters over time, as an online method estimated them; K instants."""
+
+    time: FloatArray
+    """(K,) in s from the segment's start."""
+    parameters: Parameters
+    """(K, M); nan where the samples so far do not determine them."""
+    deviation: FloatArray | None = None
+    """(K, M, 3): the method's own standard deviations, where it has them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """One moment of a running estimation, handed to whoever watches."""
+
+    phase: str
+    """What runs: "start", "Adam", "L-BFGS", ..."""
+    iteration: int
+    iterations: int
+    """How many are planned at most."""
+    seconds: Seconds
+    total: float
+    data: float
+    physics: float
+    initial: float
+    parameters: Parameters
+    """(P,): P = 1 in Case I, M in Case II."""
+    log_likelihood: float = 0.0
+    """log likelihood + log prior, where it is what the method maximises."""
+    deviations: FloatArray | None = None
+    """(P, 3) standard errors of ln α, ln β, ln τ so far; None where the training has none."""
+    curves: Trajectories | None = None
+    """The motion in the first window by the present estimate: the network's curves, or the drive
+    simulated by the present parameters; only now and then, as it costs time."""
+    left: Seconds | None = None
+    """Time left, where the method can tell it better than its rate of iterations does."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """How loss and parameters moved; K kept entries, oldest first."""
+
+    iteration: FloatArray
+    """(K,)"""
+    seconds: FloatArray
+    """(K,) since training began, without pauses."""
+    total: FloatArray
+    """(K,) Ψ, the weighted sum of the terms below."""
+    data: FloatArray
+    """(K,) Ψ_D."""
+    physics: FloatArray
+    """(K,) Ψ_F."""
+    initial: FloatArray
+    """(K,) Ψ_R, zero where the term is not used."""
+    parameters: Parameters
+    """(K, P): P = 1 in Case I, M in Case II."""
+    log_likelihood: FloatArray | None = None
+    """(K,) log likelihood + log prior; None where the method does not maximise it."""
+    deviations: FloatArray | None = None
+    """(K, P, 3) standard errors of ln α, ln β, ln τ; nan where unknown."""
+
+
+OnProgress = Callable[[Progress], None]
+ShouldStop = Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class Span(Quantity):
+    """A value with its interval as the car's typical one, and the interval in a further window."""
+
+    further_lower: float
+    further_upper: float
+
+    @classmethod
+    def of(
+        cls, value: FloatArray, draws: tuple[FloatArray, FloatArray] | None, level: float
+    ) -> Self:
+        """From the value (), draws (n,) of the typical one and draws (n,) in a further window.
+
+        Without draws all ends are nan.
+        """
+        if draws is None:
+            return cls(float(value), *[float("nan")] * 4)
+        ends = [end for drawn in draws for end in interval_ends(drawn, level)]
+        return cls(float(value), *map(float, ends))
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is known of the parameters of M followers from K windows and from other cars, as draws.
+
+    All draws are nan for a follower that is not determined. Those of a model that is no CTHP have
+    the model's own parameters in `Parameters.own`, beside the linearisation at the median speed.
+    """
+
+    method: str
+    """How the draws were made, in words."""
+    level: float
+    """Share of the intervals that are to cover the truth, if the model holds."""
+    typical: Parameters
+    """(n, M) draws of the vehicle's typical value."""
+    further: Parameters
+    """(n, M) draws of what a further window has."""
+    windows_lower: Parameters
+    """(K, M) lower ends of the intervals of each window by itself."""
+    windows_upper: Parameters
+    """(K, M) upper ends."""
+    windows_gap: FloatArray
+    """(2, K, M) ends of each window's own interval of the time gap at `Estimate.stated_speed`."""
+    differ: FloatArray
+    """(M,) probability that windows differ as much by sampling error alone; nan for one window, and
+    under a model that is no CTHP."""
+    followers_differ: float = float("nan")
+    """The same of followers that share their parameters, in the first window; nan elsewhere."""
+
+
+SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
+"""Speeds at which the time gap is stated, beside the median speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What a method found of M followers in K windows: one parameter set a follower, and how.
+
+    The parameters are those that hold in all windows together. An estimate without a posterior is
+    a point: it has no intervals.
+    """
+
+    method: str
+    """Key of the method in `METHODS`."""
+    spec: ModelSpec
+    """The model whose parameters they are, and what is fixed of it."""
+    case: Case
+    parameters: Parameters
+    """(M,) one entry a follower, also in Case I, where all are the same. Those of a model that is
+    no CTHP are in their ``own``, beside its linearisation at the follower's median speed."""
+    curves: tuple[Trajectories, ...]
+    """(K,) the method's estimate of the true motion in each window, on its instants; empty for a
+    method without curves."""
+    outcome: Outcome
+    settings: dict[str, Any]
+    """Every setting that determined the result, ready for JSON."""
+    speeds: FloatArray
+    """(M,) each follower's median speed in m/s over the windows."""
+    driven: FloatArray
+    """(2, M) each follower's lowest and highest speed in m/s over the windows."""
+    seconds: Seconds = 0.0
+    """Duration of the estimation; unchanged when the result comes from the cache."""
+    windows: Parameters | None = None
+    """(K, M) the estimate of each window by itself; None where the method has none."""
+    posterior: Posterior | None = None
+    """What is known beside the point; None for a method without intervals."""
+    loss: dict[str, float] = field(default_factory=dict)
+    """"total", "data", "physics", and for a network also "initial" and what it started from;
+    "log_likelihood" of a method that maximises it."""
+    unconstrained: Parameters | None = None
+    """The optimum without the rational driving constraints; as `parameters` when none binds."""
+    active_bounds: tuple[tuple[str, ...], ...] = ()
+    """Per follower, which of α, ατ, β stand at zero only because of the constraints."""
+    history: History | None = None
+    track: ParameterTrack | None = None
+    """Estimates over time; None for batch methods."""
+    iterations: int = 0
+    network_weights: int = 0
+    """Number of weights of the network of one window."""
+    cached: bool = False
+    findings: tuple[MethodFinding, ...] = ()
+    """What the user should know about this result."""
+    arrays: dict[str, FloatArray] = field(default_factory=dict)
+    """The method's own state by name, such as networks' weights: enough to start from it. What
+    belongs to one window has a name as `of_window` reads it."""
+
+    @classmethod
+    def of(
+        cls,
+        method: str,
+        segments: Sequence[Segment],
+        case: Case,
+        spec: ModelSpec,
+        solution: Solution | Parameters,
+        *,
+        findings: Iterable[MethodFinding] = (),
+        **others: Any,
+    ) -> Self:
+        """The estimate of a bounded least-squares solution (M, 3), or of parameters (M,).
+
+        A solution adds findings about active bounds. The ``others`` are further fields.
+        """
+        bounds: list[MethodFinding] = []
+        if isinstance(solution, Solution):
+            numbers, free = segments[0].vehicles[1:], solution.unconstrained
+            rows = zip(numbers, solution.active_names, free, strict=True)
+            bounds = [BoundActive(n, names, tuple(at.tolist())) for n, names, at in rows if names]
+            others["unconstrained"] = Parameters.from_theta(free)
+            others["active_bounds"] = solution.active_names
+            solution = solution.parameters
+        ends = [
+            (np.nanmin(s.speeds[:, 1:], axis=0), np.nanmax(s.speeds[:, 1:], axis=0))
+            for s in segments
+        ]
+        usual: dict[str, Any] = {
+            "curves": (),
+            "settings": {},
+            "speeds": median_speeds(segments),
+            "driven": np.array([np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]]),
+        }
+        return cls(
+            method=method,
+            spec=spec,
+            case=case,
+            parameters=solution,
+            findings=(*bounds, *findings),
+            **usual | others,
+        )
+
+    def __repr__(self) -> str:
+        """Method, model, and each follower's time gap."""
+        speed, gaps = self.stated_speed, []
+        for k in range(len(self.speeds)):
+            gap = self.time_gap(speed, k)
+            ends = f" ({gap.lower:.2f}–{gap.upper:.2f})" if self.posterior else ""
+            gaps.append(f"{gap.value:.2f} s{ends}")
+        said = ", ".join(gaps)
+        return f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+
+    @property
+    def model(self) -> str:
+        """Key of the model."""
+        return self.spec.model
+
+    @property
+    def following(self) -> FollowingModel:
+        """The model."""
+        return self.spec.following
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the model's parameters."""
+        return self.following.names
+
+    @property
+    def level(self) -> float | None:
+        """Level of its intervals; None for a point."""
+        return self.posterior.level if self.posterior else None
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the estimation came to its end: neither stopped nor diverged."""
+        return self.outcome not in (Outcome.STOPPED, Outcome.DIVERGED)
+
+    @property
+    def stated_speed(self) -> MetresPerSecond:
+        """The highest of `SPEEDS` up to the speed that every follower reached.
+
+        It is the lowest where that is none, or where the followers' median speed is below it.
+        """
+        reached = [speed for speed in SPEEDS if speed <= self.driven[1].min()]
+        is_slow = np.median(self.speeds) < SPEEDS[0]
+        return SPEEDS[0] if is_slow or not reached else reached[-1]
+
+    def is_driven(self, speed: MetresPerSecond, follower: int) -> bool:
+        """Whether a follower's windows hold a speed; what is said of another is extrapolated."""
+        low, high = self.driven[:, follower]
+        return bool(low <= speed <= high)
+
+    def span(self, name: str, follower: int) -> Span:
+        """One parameter of one follower (0 for the first), by its name; see `names`.
+
+        Raises:
+            ConfigError: for another name or follower.
+        """
+        if name not in self.names:
+            raise ConfigError(
+                f"span: {name[:40]} is not known; choose from {', '.join(self.names)}."
+            )
+        return self._span((name,), follower, lambda sets: self.values(sets, name))
+
+    def gain(self, name: str, follower: int) -> Span:
+        """The α or β of one follower; of a model that is no CTHP at its median speed."""
+        return self._span(("gain", name), follower, lambda sets: getattr(sets, name))
+
+    def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
+        """The time gap of one follower in equilibrium at a speed, in s; nan where there is none."""
+        return self._span((speed,), follower, lambda sets: time_gap(self.model, sets, speed))
+
+    def gains_and_gap(self, follower: int) -> tuple[Span, Span, Span]:
+        """α, β and the time gap at the median speed of one follower (0 for the first)."""
+        gap = self.time_gap(float(self.speeds[follower]), follower)
+        return self.gain("alpha", follower), self.gain("beta", follower), gap
+
+    def values(self, sets: Parameters, name: str) -> FloatArray:
+        """(..) one parameter by its name, of some sets (..) of the model."""
+        return value_of(self.model, sets, name)
+
+    @cached_property
+    def _spans(self) -> dict[tuple[object, ...], Span]:
+        """Those asked for so far: pages ask for the same again and again."""
+        return {}
+
+    def _span(
+        self, what: tuple[object, ...], follower: int, of: Callable[[Parameters], FloatArray]
+    ) -> Span:
+        key = (*what, follower)
+        if not 0 <= follower < len(self.speeds):
+            raise ConfigError(
+                f"follower: {follower} is not there; choose 0 to {len(self.speeds) - 1}, the first"
+                " is 0."
+            )
+        if key not in self._spans:
+            known, draws = self.posterior, None
+            if known:
+                draws = of(known.typical)[:, follower], of(known.further)[:, follower]
+            level = known.level if known else float("nan")
+            self._spans[key] = Span.of(of(self.parameters)[follower], draws, level)
+        return self._spans[key]
+
+
+def of_window(arrays: Mapping[str, FloatArray], window: int) -> dict[str, FloatArray]:
+    """The arrays of one window (0 for the first), by their names without its number."""
+    prefix = f"window{window}."
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
+
+
+def for_window(arrays: Mapping[str, FloatArray], window: int) -> dict[str, FloatArray]:
+    """The same arrays by names that `of_window` reads."""
+    return {f"window{window}.{name}": values for name, values in arrays.items()}
+
+
+Checkpoint = dict[str, NDArray[np.generic]]
+"""The state of a training by name, as plain arrays: all that it needs to continue."""
+
+KEPT = 2000
+"""Most moments of a history: of more, every second, fourth, eighth .. is given."""
+
+_SCALARS = ("iteration", "seconds", "total", "data", "physics", "initial", "log_likelihood")
+
+
+class Recorder:
+    """Collects `Progress` into a `History`; the first and the latest moment are always in it."""
+
+    def __init__(self) -> None:
+        """Empty."""
+        self._rows: list[FloatArray] = []
+        """Scalars, then P parameter sets (P, 6 + n)."""
+        self._deviations: list[FloatArray] = []
+        self._sets = 1
+
+    def add(self, progress: Progress) -> None:
+        """Store a moment."""
+        scalars = [float(getattr(progress, name)) for name in _SCALARS]
+        self._rows.append(np.append(scalars, progress.parameters.everything))
+        if progress.deviations is not None:
+            self._deviations.append(progress.deviations)
+        self._sets = len(progress.parameters)
+
+    def __len__(self) -> int:
+        """How many moments are stored."""
+        return len(self._rows)
+
+    def history(self) -> History:
+        """The history so far, of one moment at least."""
+        spacing = 1
+        while len(self) > spacing * (KEPT - 1):
+            spacing *= 2
+        moments = [*range(0, len(self), spacing)]
+        moments += [len(self) - 1] * ((len(self) - 1) % spacing > 0)
+        rows = np.array([self._rows[k] for k in moments])
+        tables = rows[:, len(_SCALARS) :].reshape(len(rows), self._sets, -1)
+        named: dict[str, Any] = dict(zip(_SCALARS, rows.T, strict=False))
+        if self._deviations:
+            named["deviations"] = np.array([self._deviations[k] for k in moments])
+        else:
+            named["log_likelihood"] = None
+        return History(**named, parameters=Parameters.of(tables))
+
+    def state(self) -> Checkpoint:
+        """For a checkpoint of a training whose parameters have no deviations."""
+        return {"history.rows": np.array(self._rows), "history.sets": np.array(self._sets)}
+
+    def restore(self, state: Checkpoint) -> None:
+        """From a checkpoint."""
+        self._rows = list(np.array(state["history.rows"], float))
+        self._sets = int(state["history.sets"])
