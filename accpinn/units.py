@@ -38,8 +38,8 @@ class Quantity:
         return not (self.value < self.lower or self.value > self.upper)
 
 
-def known_mean(values: FloatArray) -> FloatArray:
-    """The mean over the first axis of what is not nan; nan where there is nothing."""
+def nanmean(values: FloatArray) -> FloatArray:
+    """Mean over the first axis ignoring nan; nan where all are."""
     known = ~np.isnan(values)
     counts = known.sum(axis=0)
     sums = np.where(known, values, 0.0).sum(axis=0)
@@ -48,7 +48,7 @@ def known_mean(values: FloatArray) -> FloatArray:
 
 def known_deviation(values: FloatArray) -> FloatArray:
     """The standard deviation over the first axis of what is not nan; nan where there is nothing."""
-    return np.asarray(np.sqrt(known_mean((values - known_mean(values)) ** 2)))
+    return np.asarray(np.sqrt(nanmean((values - nanmean(values)) ** 2)))
 
 
 @dataclass(frozen=True)

@@ -2,31 +2,32 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from accpinn.api import analyse
 from accpinn.cli.recordings import JSON, RECORDING, chosen_recording, option
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import METHODS, VARIANTS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER
 from accpinn.recordings import Recording, Window
 from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
-from accpinn.study import Analysis, single_window
-from accpinn.study.plan import AUTO, car_following
+from accpinn.study import Analysis
+from accpinn.study.plan import AUTO
 from accpinn.study.store import Store
 
 ALL = "all"
 """The word for all methods or models, and for all complete windows of a recording."""
 
 
-def _held(text: str) -> tuple[str, float]:
+def _fixed(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f'"{text[:40]}" holds nothing; write --hold s0=4, once for each parameter.'
+            f'"{text[:40]}" fixes nothing; write --fixed s0=4, once for each parameter.'
         ) from None
 
 
@@ -45,8 +46,8 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 CASE = option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
 SEGMENT = (
     *RECORDING,
-    option("--start", type=float, default=0.0, metavar="S", help="of the window in s (0)"),
-    option("--duration", type=float, default=DURATION, metavar="S", help=f"in s ({DURATION:g})"),
+    option("--start", type=float, metavar="S", help="of the window in s (0)"),
+    option("--duration", type=float, metavar="S", help=f"in s ({DURATION:g})"),
     option("--vehicles", type=_parsed(parse_vehicles), metavar="1-5 | 1,2",
            help="leader first (the longest run of recorded vehicles from the first on)"),
     option("--leave-out", type=_parsed(parse_regimes), default=(), metavar="REGIME,..",
@@ -64,11 +65,9 @@ WINDOWS = option(
 )
 MODEL = (
     option("--model", choices=list(FOLLOWING), metavar="NAME",
-           help="of the answer and of the fit where its method can estimate it; by default"
-           f" {BEST}, which maximum-likelihood, simulation and the preset calibrated fit, all"
-           f" others {PAPER}: {', '.join(FOLLOWING)}"),
-    option("--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
-           help="a term of the model that keeps its value, as s0=4"),
+           help=f"({BEST}; {PAPER} for a method without intervals): {', '.join(FOLLOWING)}"),
+    option("--fixed", "--hold", dest="fixed", type=_fixed, action="append", default=[],
+           metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
 RUN = (
     option("--threads", type=int, metavar="N", help="processor threads for training"),
@@ -79,6 +78,7 @@ RUN = (
 METHODS_HELP = "\n".join(
     ["methods:", *(f"  {key:<16} {method.summary}" for key, method in METHODS.items())]
 )
+VARIANTS_HELP = f"{METHODS_HELP}\n\nside by side: {', '.join(VARIANTS)}"
 
 
 def named_keys(text: str, every: Iterable[str], of: Callable[[str], Any]) -> tuple[str, ...]:
@@ -88,49 +88,40 @@ def named_keys(text: str, every: Iterable[str], of: Callable[[str], Any]) -> tup
 
 
 def chosen_analysis(
-    options: argparse.Namespace, method: str = "pinn", settings: Any = None
+    options: argparse.Namespace,
+    method: str | None = None,
+    preset: str | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> tuple[Analysis, Recording]:
     """The analysis that the options name, and its recording.
 
     Raises:
-        ConfigError: for options that --windows has no use for.
+        ConfigError: for options that contradict each other.
         SegmentError: where --windows finds none.
     """
-    several = getattr(options, "windows", None)
-    idle = [("start", 0.0)] + [("duration", DURATION)] * (several != ALL)
-    for name, default in idle if several else ():
-        if getattr(options, name) != default:
-            raise ConfigError(f"{name}: --windows says where windows lie; leave --{name} out.")
-    held = getattr(options, "hold", ())
-    if twice := [name for name, count in Counter(name for name, _ in held).items() if count > 1]:
-        raise ConfigError(f"hold: {twice[0]} is given twice; give it once.")
+    fixed = getattr(options, "fixed", ())
+    if twice := [name for name, count in Counter(name for name, _ in fixed).items() if count > 1]:
+        raise ConfigError(f"fixed: {twice[0]} is given twice; give it once.")
     recording = chosen_recording(options)
-    asked = Analysis.of(
-        recording,
-        _windows(options, recording) if several else single_window(options.start, options.duration),
-        options.vehicles,
-        case=options.case,
-        excluded=options.leave_out,
-        model=getattr(options, "model", None),
-        held=dict(held),
-        method=method,
-        settings=settings,
-    )
+    windows, duration = getattr(options, "windows", None), options.duration
+    if windows == ALL:
+        windows, duration = _all_windows(options, recording), None
+    asked = analyse(
+        recording, options.start, duration, options.vehicles, windows=windows, case=options.case,
+        model=getattr(options, "model", None), fixed=dict(fixed), method=method, preset=preset,
+        settings=settings, exclude=options.leave_out,
+    )  # fmt: skip
     return asked, recording
 
 
-def _windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
-    """The windows that --windows names."""
-    if options.windows == AUTO:
-        return car_following(recording, options.vehicles)
-    if options.windows != ALL:
-        named: Sequence[Window] = options.windows
-        return named
-    windows = disjoint_windows(recording, options.duration, options.vehicles)
+def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
+    """The complete stretches of a recording in pieces of --duration."""
+    longest = DURATION if options.duration is None else options.duration
+    windows = disjoint_windows(recording, longest, options.vehicles)
     if not windows:
         raise SegmentError(
-            f"{recording.source}: --windows {ALL} finds no window of {options.duration:g} s without"
-            " missing samples; choose a shorter --duration."
+            f"{recording.source}: --windows {ALL} finds no window of {longest:g} s without missing"
+            " samples; choose a shorter --duration."
         )
     return windows
 

@@ -1,14 +1,15 @@
-"""How good a fit is: errors on its window, held out and outside the window, and the residual.
+"""How good an estimate is: errors on its windows, held out and outside of them.
 
 Errors are of two kinds, never mixed. *Surrogate fit*: the method's own trajectories (the network's,
 the spline's) against the data. The paper's tables report this; it measures how well a curve was
 drawn, not how well the model predicts. *Closed-loop simulation*: only the leader's measured speed
 is given, and the model's own states are integrated from the first measured instant on.
 
-Blocks of time are held out, because the neighbours of a single instant predict it too well.
-Each third of the window is simulated with the parameters fitted to the other two, from its own
-first measured instant on. No time is left out between a block and the rest, so disturbances that
-last for some seconds across a border make these errors slightly too small.
+Of several windows each is held out in turn, some together. Of one window blocks of time are held
+out, because the neighbours of a single instant predict it too well. Each third of the window is
+simulated with the parameters fitted to the other two, from its own first measured instant on. No
+time is left out between a block and the rest, so disturbances that last for some seconds across a
+border make these errors slightly too small.
 
 A block at either end of the window is cut off. One in the middle is masked, as a regime is, and
 what was measured there is replaced by a bridge: the leader's speed is straight, each space-gap the
@@ -36,10 +37,8 @@ from accpinn.evaluation.closed_loop import (
     simulable,
     surrogate_errors,
 )
-from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.methods.estimate import Fit
-from accpinn.model.registry import CTHPS
+from accpinn.methods.estimate import Estimate
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
@@ -51,81 +50,98 @@ BLOCKS = 3
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How good a fit is on its data, one window or several, and outside of them."""
+    """How good an estimate is on its data, one window or several, and outside of them."""
 
     surrogate: TrackingErrors | None
-    """Errors of the method's own trajectories; None where it has none."""
+    """Errors of the method's own curves; None where it has none."""
     closed_loop: TrackingErrors | None
-    """Errors of the closed-loop simulation on the segment; None where nothing is simulated."""
-    holdout: TrackingErrors | None
-    """Closed-loop errors on all blocks together, each with parameters fitted to the others."""
+    """Errors of the closed-loop simulation on the windows; None where nothing is simulated."""
     blocks: tuple[ClosedLoop, ...]
-    """The blocks one by one, without errors where too little is left to estimate from; empty where
-    nothing was held out."""
+    """The blocks that were held out one by one, without errors where too little is left to estimate
+    from; empty where nothing was held out."""
     out_of_window: TrackingErrors | None
-    """Closed-loop errors outside the window; None where nothing is simulated there."""
+    """Closed-loop errors outside the windows; None where nothing is simulated there."""
     out_of_window_seconds: Seconds
-    """Duration of what is simulated outside the window."""
-    whiteness: Whiteness
-    """Size and correlation of the model's residual in the window, or in the first of several."""
+    """Duration of what is simulated outside the windows."""
     findings: tuple[ClosedLoopFinding, ...]
     """Collisions, reversing and divergence in the closed-loop simulation on the data."""
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
     """The same events outside of them."""
 
+    @property
+    def holdout(self) -> TrackingErrors | None:
+        """Closed-loop errors on all blocks together, each with parameters fitted to the others."""
+        return of_blocks(self.blocks)
+
     def collision_times(self, vehicles: Sequence[int]) -> FloatArray:
-        """(M,) time of each follower's first collision on the segment, in s; nan without one."""
+        """(M,) time of each follower's first collision on the data, in s; nan without one."""
         return collision_times(self.findings, vehicles)
 
 
 def evaluate(
-    segment: Segment | Sequence[Segment],
-    fit: Fit | Sequence[Fit],
-    estimate: Callable[[Segment], Fit] | None = None,
+    segments: Segment | Sequence[Segment],
+    estimate: Estimate,
     recording: Recording | None = None,
+    blocks: tuple[ClosedLoop, ...] = (),
 ) -> Evaluation:
-    """Errors of a fit in the window, held out and outside the window, and its residual.
+    """Errors of an estimate in its windows and outside of them.
 
     Args:
-        segment: the data that the parameters were fitted to, or several windows of one run.
-        fit: the fit of any method, or that on each window.
-        estimate: the same method, from a segment to a fit; without it no block is held out, and
-            of several windows only the first is divided.
-        recording: what the segment was cut from; without it nothing outside is simulated.
+        segments: the window that the parameters were estimated from, or (K,) windows of one run.
+        estimate: by any method.
+        recording: what the windows were cut from; without it nothing outside is simulated.
+        blocks: what `cross_validate` found.
     """
-    segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    fits = (fit,) if isinstance(fit, Fit) else tuple(fit)
-    pairs = [*zip(segments, fits, strict=True)]
-    blocks = cross_validate(segments[0], estimate) if estimate else ()
-    inside = [ClosedLoop.of(part, fit) for part, fit in pairs]
-    outside = list(_outside(segments, fits[0], recording)) if recording else []
+    windows = (segments,) if isinstance(segments, Segment) else tuple(segments)
+    inside = [ClosedLoop.of(part, estimate) for part in windows]
+    outside = list(_outside(windows, estimate, recording)) if recording else []
+    surrogate = surrogate_errors(windows, estimate)
     return Evaluation(
-        surrogate=pooled((part.samples, surrogate_errors(part, fit)) for part, fit in pairs),
+        surrogate=pooled((s.samples, part) for s, part in zip(windows, surrogate, strict=False)),
         closed_loop=pooled(
-            (s.samples, part.errors) for s, part in zip(segments, inside, strict=True)
+            (s.samples, part.errors) for s, part in zip(windows, inside, strict=True)
         ),
-        holdout=of_blocks(blocks),
         blocks=blocks,
         out_of_window=of_blocks(outside),
         out_of_window_seconds=float(sum(part.window.duration for part in outside)),
-        whiteness=whiteness(*pairs[0]),
         findings=tuple(event for part in inside for event in part.findings),
         out_of_window_findings=tuple(event for part in outside for event in part.findings),
     )
 
 
-def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tuple[ClosedLoop, ...]:
-    """Hold out each block of the window in turn, and simulate it with parameters from the rest.
+def cross_validate(
+    segments: Sequence[Segment], estimate: Callable[[tuple[Segment, ...]], Estimate]
+) -> tuple[ClosedLoop, ...]:
+    """Hold out parts of the data in turn, and simulate each with parameters from the rest.
 
-    A block in which at no instant all vehicles are measured has nothing to compare, so none is
-    held out there.
+    The parts of a single window are its blocks; several windows are held out whole, every
+    `BLOCKS`-th together. ``estimate`` is the method, from windows to an estimate. A block in which
+    at no instant all vehicles are measured has nothing to compare, so none is held out there.
     """
+    if len(segments) > 1:
+        folds = [tuple(segments[k::BLOCKS]) for k in range(min(BLOCKS, len(segments)))]
+        return tuple(part for fold in folds for part in _fold(segments, fold, estimate))
+    (segment,) = segments
     ends = [round(end) for end in np.linspace(0, segment.samples, BLOCKS + 1)]
     return tuple(
         _block(segment, first, end, estimate)
         for first, end in pairwise(ends)
         if simulable(segment.part(first, end))
     )
+
+
+def _fold(
+    segments: Sequence[Segment],
+    fold: tuple[Segment, ...],
+    estimate: Callable[[tuple[Segment, ...]], Estimate],
+) -> Iterator[ClosedLoop]:
+    """The windows of a fold, with parameters from the others."""
+    try:
+        found = estimate(tuple(segment for segment in segments if segment not in fold))
+    except SegmentError:  # too little is left for this method
+        yield from (ClosedLoop(segment.window, None) for segment in fold)
+        return
+    yield from (ClosedLoop.of(segment, found) for segment in fold if simulable(segment))
 
 
 def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErrors | None:
@@ -149,12 +165,16 @@ def of_blocks(blocks: Sequence[ClosedLoop]) -> TrackingErrors | None:
     return pooled((block.window.duration, block.errors) for block in blocks)
 
 
-def _outside(segments: Sequence[Segment], fit: Fit, recording: Recording) -> Iterator[ClosedLoop]:
+def _outside(
+    segments: Sequence[Segment], estimate: Estimate, recording: Recording
+) -> Iterator[ClosedLoop]:
     """The simulations in complete windows beside the segments, each long enough for one."""
     learned = [segment.window for segment in segments]
     for window in complete_windows(recording, segments[0].vehicles, learned):
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
-        found = ClosedLoop.of(piece if fit.model in CTHPS else from_following(piece), fit)
+        found = ClosedLoop.of(
+            piece if estimate.following.is_cthp else from_following(piece), estimate
+        )
         if found.errors:
             yield found
 
@@ -186,11 +206,14 @@ def without(segment: Segment, first: int, end: int) -> Segment:
 
 
 def _block(
-    segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]
+    segment: Segment,
+    first: int,
+    end: int,
+    estimate: Callable[[tuple[Segment, ...]], Estimate],
 ) -> ClosedLoop:
     held = segment.part(first, end)
     try:
-        return ClosedLoop.of(held, estimate(without(segment, first, end)))
+        return ClosedLoop.of(held, estimate((without(segment, first, end),)))
     except SegmentError:  # too little is left for this method
         return ClosedLoop(held.window, None)
 

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from accpinn.findings import Finding
-from accpinn.methods.estimate import Fit
+from accpinn.methods.estimate import Estimate
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import simulate
@@ -29,7 +29,7 @@ from accpinn.units import (
     MetresPerSecond,
     Seconds,
     Stretch,
-    known_mean,
+    nanmean,
     stretches,
 )
 
@@ -103,21 +103,23 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
     A vehicle without errors has trajectories of nan; single instants of nan are not compared.
     """
     return TrackingErrors(
-        known_mean(np.abs(trajectories.speeds - segment.measured_speeds)),
-        known_mean(np.abs(trajectories.gaps - segment.measured_gaps)),
+        nanmean(np.abs(trajectories.speeds - segment.measured_speeds)),
+        nanmean(np.abs(trajectories.gaps - segment.measured_gaps)),
     )
 
 
-def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
-    """Errors of the surrogate; None for a method that has none or that fits in closed loop."""
-    if fit.surrogate is None or METHODS[fit.method].is_closed_loop:
-        return None
-    return tracking_errors(segment, fit.surrogate)
+def surrogate_errors(
+    segments: Sequence[Segment], estimate: Estimate
+) -> tuple[TrackingErrors, ...]:
+    """(K,) errors of the method's curves; empty for one without, or that fits in closed loop."""
+    if not estimate.curves or METHODS[estimate.method].is_closed_loop:
+        return ()
+    return tuple(map(tracking_errors, segments, estimate.curves))
 
 
-def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The closed-loop simulation of a fit; see `simulated`."""
-    return simulated(segment, fit.model, fit.parameters)
+def closed_loop(segment: Segment, estimate: Estimate) -> Trajectories | None:
+    """The closed-loop simulation of an estimate; see `simulated`."""
+    return simulated(segment, estimate.model, estimate.parameters)
 
 
 def simulated(segment: Segment, model: str, parameters: Parameters) -> Trajectories | None:
@@ -169,9 +171,9 @@ class ClosedLoop:
     findings: tuple[ClosedLoopFinding, ...] = ()
 
     @classmethod
-    def of(cls, segment: Segment, fit: Fit) -> Self:
-        """The simulation of a fit behind the leader of a segment."""
-        motion = closed_loop(segment, fit)
+    def of(cls, segment: Segment, estimate: Estimate) -> Self:
+        """The simulation of an estimate behind the leader of a segment."""
+        motion = closed_loop(segment, estimate)
         if motion is None:
             return cls(segment.window, None)
         void = np.logical_or.accumulate(_diverged(segment, motion).any(axis=0))

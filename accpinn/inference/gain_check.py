@@ -1,4 +1,4 @@
-"""The answer's |H| against the gain that the recording itself has, by Welch's method.
+"""An estimate's |H| against the gain that the recording itself has, by Welch's method.
 
 Both have a band. They are compared at the frequencies up to `FASTEST` at which the coherence is
 at least `COHERENT`: the root mean square of the difference of both gains in dB, the difference of
@@ -17,8 +17,7 @@ import numpy as np
 
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.inference.answer import Answer
-from accpinn.inference.intervals import gain_band
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.segment import Segment
 from accpinn.stability import assessment
 from accpinn.stability.criteria import response
@@ -50,7 +49,7 @@ _TEXTS: dict[Contradiction, str] = {
 
 
 class GainCheck(Finding, frozen=True):
-    """How far the answer's gain of a vehicle is from the measured one, and what that says."""
+    """How far the estimated gain of a vehicle is from the measured one, and what that says."""
 
     vehicle: int
     frequencies: int
@@ -108,20 +107,21 @@ class GainCheck(Finding, frozen=True):
         return {"distance": distance, "Distance": distance[:1].upper() + distance[1:]}
 
 
-def gain_checks(segments: Sequence[Segment], answer: Answer) -> tuple[GainCheck, ...]:
-    """Hold each follower's answer against its measured gain.
+def gain_checks(segments: Sequence[Segment], uncertainty: Uncertainty) -> tuple[GainCheck, ...]:
+    """Hold each follower's estimate against its measured gain.
 
     Args:
-        segments: (K,) the windows of the answer.
-        answer: of M followers; one that is not determined has no check.
+        segments: (K,) the windows of the estimate.
+        uncertainty: the estimate of M followers with what is known of it; one that is not
+            determined has no check.
 
     Returns:
         One finding a follower that is determined.
     """
     return tuple(
-        _check(segments, answer, k, number)
+        _check(segments, uncertainty, k, number)
         for k, number in enumerate(segments[0].vehicles[1:])
-        if np.isfinite(answer.parameters[k].complete).all()
+        if np.isfinite(uncertainty.centre[k].complete).all()
     )
 
 
@@ -130,7 +130,9 @@ def compared(measured: MeasuredGain) -> Mask:
     return (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
 
 
-def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) -> GainCheck:
+def _check(
+    segments: Sequence[Segment], uncertainty: Uncertainty, k: int, vehicle: int
+) -> GainCheck:
     try:
         measured = measured_gain(segments, k)
     except SegmentError:
@@ -141,8 +143,8 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
         return GainCheck(vehicle, count)
     sure = measured_gain(segments, k, 1.0 - (1.0 - LEVEL) / count)
     omega, gain = measured.omega[at], measured.gain[at]
-    model = np.abs(response(answer.parameters[[k]], omega))[0]
-    band = gain_band(answer.uncertainty, k, omega)
+    model = np.abs(response(uncertainty.centre[[k]], omega))[0]
+    band = gain_band(uncertainty, k, omega)
     apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
     amplified = band.lower > 1.0
     levels = decibels(gain)
@@ -156,7 +158,7 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
         apart=float(apart.mean()),
         highest=float(levels[amplified].max()) if amplified.any() else nan,
     )
-    verdict = assessment(float(answer.uncertainty.probability_l2[k]))
+    verdict = assessment(float(uncertainty.probability_l2[k]))
     contradiction: Contradiction = "apart" if check.apart > APART else ""
     if verdict == "stable" and (sure.lower[at] > 1.0).any():
         contradiction = "amplifies"

@@ -1,44 +1,25 @@
-"""Identifiability: which parameters the data determine, by intervals, excitation and profiles.
+"""Identifiability: which parameters the data determine, by intervals and excitation."""
 
-The profile of a parameter is the least-squares criterion with that parameter held:
-
-    S(α, β, τ) = Σ_t (dv/dt - α(p - τv) - βΔv)²,      profile of x:  min over the other two of S
-
-within the rational driving constraints. With one parameter held the model is linear in the other
-two, so every point is the exact minimum of a quadratic. A flat profile means that these equations
-do not determine the parameter. A steep profile proves less: S takes the instants as independent and
-the model as true, so its minimum may be sharp and yet biased (see `methods.state_space`).
-
-Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles.
-"""
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import compress
 
 import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.findings import Finding, Labelled, Words, joined
-from accpinn.inference.intervals import SYMBOLS, Uncertainty
-from accpinn.methods.regression import Regression, solve_bounded
-from accpinn.model.cthp import LARGEST, Case, Parameters
+from accpinn.inference.intervals import Uncertainty
+from accpinn.model.cthp import Case
 from accpinn.recordings import LITTLE_LEADER_MOTION
-from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment import SegmentInfo
 from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality
-from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen
+from accpinn.units import Mask, MetresPerSecond, Seconds
 
+SYMBOLS = tuple(parameter.symbol for parameter in PARAMETERS)
 WIDE = 5.0
 """Ratio of an interval's ends above which it gives little more than the order of magnitude."""
 LONGER = 1.2
 """Ratio of recording to window above which the whole recording would narrow intervals by a tenth or
 more."""
-INCREASE = 0.01
-"""Increase of S at a profile's ends: 1 %, hardly visible in any plot."""
-POINTS = 61
-"""Number of values of a profile."""
-FURTHER = 1.5
-"""Reach of a profile's values on either side, as a multiple of the distance to its ends."""
 
 
 class WeakIdentification(Finding, frozen=True):
@@ -98,9 +79,7 @@ class NarrowerIntervals(Finding, frozen=True):
     """Whether the excitation is sufficient, so that a longer window alone would narrow them."""
 
     def _words(self, about: Labelled) -> Words:
-        ways = [
-            "several windows or runs estimated together (fit --windows, or fit_windows in Python)"
-        ]
+        ways = ["several windows or runs estimated together"]
         if not self.is_excited:
             ways.insert(0, "a window in which the vehicle ahead brakes and accelerates more")
         if self.recording is not None:
@@ -177,86 +156,3 @@ def _identification(
         relative if is_alone and relative < LITTLE_RELATIVE_MOTION else None,
         condition if is_alone and condition > LARGE_CONDITION else None,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """S with one parameter of one follower held at K values and the others optimal."""
-
-    parameter: str
-    """Symbol of the parameter: α, β or τ."""
-    best: float
-    """Value at the minimum of S; nan for τ where α = 0."""
-    values: FloatArray
-    """(K,) values in the parameter's unit, ascending."""
-    increase: FloatArray
-    """(K,) S over its minimum, minus one."""
-    lower: float
-    """Smallest value at which S is at most `INCREASE` above its minimum."""
-    upper: float
-    """Largest such value; infinite where the data set no limit within the plausible range."""
-
-
-def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], ...]:
-    """The profiles of α, β and τ of each follower; in Case I one set, which all share."""
-    regression = Regression.of(segment)
-    parts = [regression.grams(), regression.moments(), (regression.rates**2).sum(axis=1)]
-    if case == "I":
-        parts = [part.sum(axis=0, keepdims=True) for part in parts]
-    grams, moments, powers = parts
-    rows = zip(grams, moments, powers.tolist(), regression.solve(case).theta, strict=False)
-    return tuple(tuple(_profile(*row, which) for which in range(3)) for row in rows)
-
-
-def _profile(
-    gram: FloatArray, moment: FloatArray, power: float, theta: FloatArray, which: int
-) -> Profile:
-    """The profile of α, β or τ, from XᵀX, Xᵀ dv/dt, Σ (dv/dt)² and θ at the minimum of S."""
-    symbol, limit = PARAMETERS[which].symbol, float(LARGEST.values[which])
-    best = float(Parameters.from_theta(theta).values[which])
-
-    def criterion(theta: FloatArray) -> float:
-        return float(power + theta @ gram @ theta - 2 * moment @ theta)
-
-    least = max(criterion(theta), np.finfo(float).tiny)
-
-    def increase(value: float) -> float:
-        """The minimum where one is held: θ = base + directions @ (two unknowns ≥ 0)."""
-        base = np.zeros(3)
-        if symbol == "τ":
-            directions = np.array([[1.0, 0.0], [value, 0.0], [0.0, 1.0]])
-        else:
-            held = 0 if symbol == "α" else 2
-            base[held] = value
-            directions = np.delete(np.eye(3), held, axis=1)
-        rest = directions.T @ (moment - gram @ base)
-        part = solve_bounded(directions.T @ gram @ directions, rest)
-        return max(criterion(base + directions @ part.theta) / least - 1.0, 0.0)
-
-    lower, upper = _ends(increase, best, limit)
-    values = _grid(best, lower, upper, limit)
-    increases = [increase(value) for value in values.tolist()]
-    return Profile(symbol, best, frozen(values), frozen(increases), lower, upper)
-
-
-def _ends(increase: Callable[[float], float], best: float, limit: float) -> tuple[float, float]:
-    """The values on either side of the best one at which the profile crosses `INCREASE`."""
-    from scipy.optimize import brentq  # imported late: it takes a quarter of a second
-
-    def beyond(value: float) -> float:
-        return increase(value) - INCREASE
-
-    if not np.isfinite(best):
-        return 0.0, float("inf")
-    lower, far = 0.0, max(limit, 2 * best)
-    if beyond(0.0) > 0:
-        lower = float(brentq(beyond, 0.0, best))
-    return lower, float(brentq(beyond, best, far)) if beyond(far) > 0 else float("inf")
-
-
-def _grid(best: float, lower: float, upper: float, limit: float) -> FloatArray:
-    if not np.isfinite(best):
-        return np.linspace(0.0, limit, POINTS)
-    above = upper - best if np.isfinite(upper) else max(best, 1e-3) * 4
-    first = max(0.0, best - FURTHER * (best - lower))
-    return np.linspace(first, best + FURTHER * above, POINTS)

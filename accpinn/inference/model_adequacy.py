@@ -22,17 +22,17 @@ from numpy.typing import ArrayLike
 
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
-from accpinn.inference.intervals import DRAWS, LEVEL, ends_of, shared
+from accpinn.inference.intervals import LEVEL, ends_of
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
+from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.kalman import innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, search
-from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
@@ -171,14 +171,10 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         if form == "cthp":
             cthp_aic, cthp_density = aic, density
             tests = innovation_tests(series, maxima)
-        if form == PAPER:
-            paper = shared((segment,), case, LEVEL, DRAWS, PAPER_SPEC)
-            intervals = paper.centre, paper.lower, paper.upper
-        else:  # as where windows stand alone: one question has one answer
-            alone = window_posterior(segment, case, ModelSpec(form))
-            drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds)
-            centre = Parameters.of(alone.estimates)
-            intervals = centre, *ends_of(centre, drawn, LEVEL)
+        alone = window_posterior(segment, case, ModelSpec(form))
+        drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds)
+        centre = Parameters.of(alone.estimates)
+        intervals = centre, *ends_of(centre, drawn, LEVEL)
         forms.append(ModelForm(form, *intervals, aic - cthp_aic, density - cthp_density))
     tested = InnovationTests(*map(spread, tests))
     subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]

@@ -26,15 +26,15 @@ import numpy as np
 
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.findings import Finding, Labelled, Words, percent, probability
-from accpinn.inference.intervals import Uncertainty, interval_ends
-from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.joint_likelihood import DISTURBANCE, UNKNOWNS, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
 from accpinn.methods.state_space import discretise
-from accpinn.model.cthp import Case, add_command, collides
-from accpinn.model.registry import CTHPS
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.cthp import add_command, collides
+from accpinn.model.spec import PAPER_SPEC
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, Mask, Seconds, known_mean
+from accpinn.units import FloatArray, Mask, Seconds, interval_ends, nanmean
 
 SIMULATIONS = 200
 """Number of simulations."""
@@ -98,16 +98,13 @@ class GapBand:
 
 
 @lru_cache(maxsize=64)  # one for each of many users at a time
-def gap_band(
-    segment: Segment, uncertainty: Uncertainty, case: Case, spec: ModelSpec = PAPER_SPEC
-) -> GapBand | None:
+def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        uncertainty: the uncertainty of the segment's parameters.
-        case: "I" or "II", the same as for the uncertainty.
-        spec: the model of the uncertainty, and terms of it that keep their values.
+        estimate: with a posterior, of windows that the segment is one of.
+        uncertainty: what follows from the estimate's draws.
 
     Returns:
         None if no follower has draws, if at no instant all vehicles are measured, or if the
@@ -116,7 +113,7 @@ def gap_band(
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None
-    sizes, pieces = _disturbances(segment, case, spec), simulable(segment)
+    sizes, pieces = _disturbances(segment, estimate), simulable(segment)
     known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
     followers = int(np.logical_and.accumulate(known).sum())
     if not followers or not pieces:
@@ -139,7 +136,7 @@ def gap_band(
             gaps[:, kept, :followers] = simulated
     lower, upper = interval_ends(gaps, uncertainty.level)
     inside = np.where(np.isnan(measured - lower), np.nan, (lower <= measured) & (measured <= upper))
-    shares = known_mean(inside)
+    shares = nanmean(inside)
     touching = (collides(gaps) & (measured > 0)).any(axis=1).mean(axis=0)
     findings = tuple(
         BandCoverage(vehicle, float(share), uncertainty.level, float(touch))
@@ -149,13 +146,17 @@ def gap_band(
     return GapBand(segment.time[rows], lower, upper, uncertainty.level, findings)
 
 
-def _disturbances(segment: Segment, case: Case, spec: ModelSpec) -> FloatArray:
-    """(M, 3) s, T and T₂ of each follower; nan for followers that are not determined."""
-    asked = spec if spec.model in CTHPS else PAPER_SPEC
-    known = determined_followers((segment,), case)
+def _disturbances(segment: Segment, estimate: Estimate) -> FloatArray:
+    """(M, 3) s, T and T₂ of each follower; nan for followers that are not determined.
+
+    An estimate by a method without a likelihood takes those of the CTHP.
+    """
+    if UNKNOWNS in estimate.arrays:
+        return estimate.arrays[UNKNOWNS][:, DISTURBANCE]
+    known = determined_followers((segment,), estimate.case)
     sizes = np.full((segment.followers, 3), np.nan)
     if known:
-        maxima = joint_maxima((segment,), case, asked, known)
+        maxima = joint_maxima((segment,), estimate.case, PAPER_SPEC, known)
         sizes[list(known)] = [maximum.values[DISTURBANCE] for maximum in maxima]
     return sizes
 

@@ -1,6 +1,6 @@
-"""How far an answer can be trusted, by its own windows.
+"""How far an estimate can be trusted, by its own windows.
 
-In how many windows is the time gap of the window alone that of the answer, and does the answer
+In how many windows is the time gap of the window alone that of the estimate, and does the estimate
 reproduce the drive? For the second the vehicle is driven in every window behind the measured
 vehicle ahead, from its first measured state on, and anew after instants that are excluded; the
 error of its gap is compared with how much the gap itself varies. A simulation that is half as far
@@ -28,14 +28,15 @@ FAR: Metres = 1000.0
 
 
 class Trust(Finding, frozen=True):
-    """What the windows say of one vehicle's answer."""
+    """What the windows say of one vehicle's estimate."""
 
     vehicle: int
     windows: int
-    same: int
-    """Number of windows whose own time gap is within `ALIKE` of the answer's at ``speed``."""
+    same: int | None
+    """Number of windows whose own time gap is within `ALIKE` of the estimate's at ``speed``; None
+    where the method does not estimate each window by itself."""
     speed: MetresPerSecond
-    """At which the answer states its time gap."""
+    """At which the estimate states its time gap."""
     rmse: Metres
     """Error of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres
@@ -46,12 +47,12 @@ class Trust(Finding, frozen=True):
     @property
     def is_contradicted(self) -> bool:
         """Whether the drive is not reproduced, or half of several windows say something else."""
-        differs = self.windows > 1 and 2 * self.same <= self.windows
+        differs = self.windows > 1 and self.same is not None and 2 * self.same <= self.windows
         return differs or not self.is_reproduced
 
     @property
     def is_reproduced(self) -> bool:
-        """Whether the answer reproduces the drive."""
+        """Whether the estimate reproduces the drive."""
         return not self.collides and self.rmse <= REPRODUCED * self.deviation
 
     text = "{vehicle}: {in_words}"
@@ -61,7 +62,7 @@ class Trust(Finding, frozen=True):
 
     @property
     def in_words(self) -> str:
-        """Both answers, without the vehicle."""
+        """Both, without the vehicle."""
         off = f"{self.rmse:.1f} m (rms; the gap's standard deviation is {self.deviation:.1f} m)"
         if not np.isfinite(self.rmse):
             drive = "The drive cannot be simulated."
@@ -75,7 +76,7 @@ class Trust(Finding, frozen=True):
                 f" the gap's standard deviation is {self.deviation:.1f} m."
             )
         gap = "Its time gap is" if self.vehicle else "Their time gap is"
-        return f"{_agreement(gap, self.windows, self.same, self.same)} {drive}"
+        return f"{_agreement(gap, self.windows, [self.same])} {drive}"
 
 
 def trust_of_several(trusts: Sequence[Trust]) -> str:
@@ -84,16 +85,20 @@ def trust_of_several(trusts: Sequence[Trust]) -> str:
     errors = _range([trust.rmse for trust in trusts])
     deviations = _range([trust.deviation for trust in trusts])
     return (
-        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} The model"
+        f"{_agreement('Their time gaps are', trusts[0].windows, same)} The model"
         f" reproduces the drives within {errors} m (rms; the gaps' standard deviations:"
         f" {deviations} m)."
     )
 
 
-def _agreement(gaps: str, windows: int, low: int, high: int) -> str:
+def _agreement(gaps: str, windows: int, same: Sequence[int | None]) -> str:
     """How many of the windows say the same time gap; ``gaps`` is the sentence's beginning."""
+    known = [count for count in same if count is not None]
     if windows == 1:
-        return "Known from one window alone."
+        return "Based on one window."
+    if not known:
+        return f"Based on {windows} windows."
+    low, high = min(known), max(known)
     if low == windows:
         count = "both windows" if windows == 2 else f"all {windows} windows"
     else:
@@ -111,11 +116,11 @@ def trust(
     vehicle: int,
     followers: Sequence[int],
     model: str,
-    answer: Parameters,
-    own: Parameters,
+    parameters: Parameters,
+    own: Parameters | None,
     speed: MetresPerSecond,
 ) -> Trust:
-    """Hold the answer of a vehicle against its windows (K,) and their own estimates (K,).
+    """Hold the parameters of a vehicle against its windows (K,) and their own ones (K,).
 
     The vehicle is its number, or 0 for all followers together; ``followers`` are their places, 0
     for the first. Time gaps are compared at the speed in m/s.
@@ -126,8 +131,10 @@ def trust(
         for follower in followers
         for stretch in counted_stretches(segment.pair(follower))
     ]
-    gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
-    off = [_errors(pair, model, answer) for pair in pairs]
+    gap, same = float(time_gap(model, parameters, speed)), None
+    if own is not None:
+        same = int((np.abs(time_gap(model, own, speed) - gap) <= ALIKE * gap).sum())
+    off = [_errors(pair, model, parameters) for pair in pairs]
     errors = np.concatenate([part for part, _ in off]) if off else np.empty(0)
     known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
     measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
@@ -136,7 +143,7 @@ def trust(
     return Trust(
         vehicle,
         len(segments),
-        int((np.abs(gaps - gap) <= ALIKE * gap).sum()),
+        same,
         speed,
         float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
         float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
@@ -144,9 +151,9 @@ def trust(
     )
 
 
-def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
+def _errors(pair: Segment, model: str, parameters: Parameters) -> tuple[FloatArray, bool]:
     """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
-    motion = simulated(pair, model, answer[None])
+    motion = simulated(pair, model, parameters[None])
     if motion is None:
         return np.empty(0), False
     rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])

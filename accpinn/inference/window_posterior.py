@@ -1,7 +1,7 @@
 """What one window alone says of its vehicles under a model, as draws of equal weight.
 
-Of a CTHP they are drawn from the posterior of the exact likelihood (see `inference.posterior`), of
-any other model from the normal approximation of `methods.simulation`.
+They are drawn from the posterior of the exact likelihood (see `inference.posterior`), which a CTHP
+has, or from the normal approximation of `methods.simulation`, for any model.
 
 Where a window contradicts what is known of other cars, few draws of its own posterior are probable
 under that. So those that an answer is made from, `likely`, have as their prior not the wide one
@@ -23,13 +23,19 @@ import numpy as np
 
 from accpinn.inference.importance_sampling import Posterior, Proposal, Sampling, Student
 from accpinn.inference.population import log_of_window, population_of
-from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
-from accpinn.methods import one_thread, simulation
+from accpinn.inference.posterior import (
+    AT_SPEED,
+    LEAST_GAP,
+    features,
+    log_prior_of_features,
+    sample,
+)
+from accpinn.methods import PosteriorKind, Segments, one_thread, simulation
+from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Maximum
-from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import TERMS, Case, Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
@@ -72,41 +78,46 @@ class WindowPosterior:
 
 @lru_cache(maxsize=256)
 @one_thread
-def window_posterior(segment: Segment, case: Case, spec: ModelSpec) -> WindowPosterior:
+def window_posterior(
+    segment: Segment, case: Case, spec: ModelSpec, kind: PosteriorKind = "likelihood"
+) -> WindowPosterior:
     """The posterior of each follower of one window."""
-    return joint_posterior((segment,), case, spec)
+    return joint_posterior((segment,), case, spec, kind)
 
 
 def joint_posterior(
-    segments: tuple[Segment, ...], case: Case, spec: ModelSpec, draws: int = DRAWS
+    segments: Segments, case: Case, spec: ModelSpec, kind: PosteriorKind = "likelihood"
 ) -> WindowPosterior:
-    """The same from some windows at once; of a model that is no CTHP always `DRAWS` draws."""
+    """The same from some windows at once."""
     model, followers = spec.model, segments[0].followers
     count, speeds = count_of(model), median_speeds(segments)
-    size, draws = (6, draws) if model in CTHPS else (6 + count, DRAWS)
+    size = 6 if spec.following.is_cthp else 6 + count
     estimates = np.full((followers, size), np.nan)
-    drawn, likely = np.full((2, followers, draws, count), np.nan)
-    log_likelihood = np.full((followers, draws), np.nan)
-    if model in CTHPS:
+    drawn, likely = np.full((2, followers, DRAWS, count), np.nan)
+    log_likelihood = np.full((followers, DRAWS), np.nan)
+    if kind == "likelihood":
         for row, maximum, posterior in sampled(segments, case, spec):
             estimates[row] = maximum.complete
-            even = posterior.evenly(draws)
+            even = posterior.evenly(DRAWS)
             drawn[row], log_likelihood[row] = features(model, even.coordinates), even.log_likelihood
             told = posterior.under(of_others(spec, posterior.coordinates))
-            likely[row] = features(model, told.evenly(draws).coordinates)
+            likely[row] = features(model, told.evenly(DRAWS).coordinates)
     else:
-        for row, estimate in simulation.estimates(segments, case, spec):
-            estimates[row] = parameters_of(model, estimate.scores, speeds[row]).everything
-            chosen = _beside_others(estimate, spec)
+        for row, best in simulation.estimates(segments, case, spec):
+            estimates[row] = spec.following.linearisations(
+                best.theta[:, None], speeds[row]
+            ).everything
+            coordinates = _in_coordinates(spec, best.draws(DRAWS))
+            chosen = _beside_others(best, spec)
             for k in row:
-                drawn[k] = possible(model, estimate.draws(draws), speeds[k])
+                drawn[k] = possible(model, coordinates, speeds[k])
                 likely[k] = possible(model, chosen, speeds[k])
     return WindowPosterior(estimates, drawn, likely, log_likelihood, model, speeds)
 
 
 @lru_cache(maxsize=64)
 def sampled(
-    segments: tuple[Segment, ...], case: Case, spec: ModelSpec
+    segments: Segments, case: Case, spec: ModelSpec
 ) -> Sequence[tuple[list[int], Maximum, Posterior]]:
     """The determined followers, each or in Case I all, with their maximum and posterior.
 
@@ -122,34 +133,61 @@ def sampled(
     return tuple(zip(rows, maxima, posteriors, strict=True))
 
 
-def _beside_others(estimate: simulation.Estimate, spec: ModelSpec) -> FloatArray:
-    """Draws (n, p) of equal weight of an estimate with what other cars say as the prior.
+def _in_coordinates(spec: ModelSpec, scores: FloatArray) -> FloatArray:
+    """(n, p) φ of parameters given in standard deviations of their priors, z (n, p)."""
+    if not spec.following.is_cthp:
+        return scores
+    theta = spec.following.values_at(scores)
+    sets = Parameters(*theta[:3], *(spec.following.term(theta, term) for term in TERMS))
+    gap = np.maximum(sets.time_gap(AT_SPEED), LEAST_GAP)
+    shape = np.log([sets.alpha, sets.beta, gap])
+    return np.column_stack([*shape, *(getattr(sets, term) for term in spec.following.terms)])
 
-    They are chosen among proposals from the estimate's normal distribution, and from about its
-    product with that of other cars.
+
+def _log_volume(spec: ModelSpec, scores: FloatArray) -> FloatArray:
+    """(n,) ln |dz/dφ| at scores z (n, p), up to a constant; zero where φ is z."""
+    if not spec.following.is_cthp:
+        return np.zeros(len(scores))
+    theta = spec.following.values_at(scores)
+    intercept = spec.following.term(theta, "s0")
+    volume = np.log(np.maximum(theta[2] + intercept / AT_SPEED, LEAST_GAP) / theta[2])
+    if spec.following.is_late:
+        volume = volume - np.log(theta[-1])
+    return np.asarray(volume)
+
+
+def _beside_others(best: simulation.Optimum, spec: ModelSpec) -> FloatArray:
+    """(n, p) draws of φ of equal weight of an optimum with what other cars say as the prior.
+
+    They are chosen among proposals from the optimum's normal distribution, and where φ is z from
+    about its product with that of other cars.
     """
     model, free = spec.model, free_of(spec)
-    population, square = population_of(model, count_of(model)).of(free), np.ix_(free, free)
-    variances, vectors = np.linalg.eigh(estimate.covariance[square])
+    square = np.ix_(free, free)
+    variances, vectors = np.linalg.eigh(best.covariance[square])
     own = vectors / np.minimum(variances, 1.0) @ vectors.T  # no wider than the prior
-    others = np.linalg.inv(population.cars + population.windows)
-    scale = np.linalg.inv(own - np.eye(len(own)) + others)
-    centre = scale @ (own @ estimate.scores[free] + others @ population.centre)
-    parts = [Student(estimate.scores, estimate.covariance)]
-    parts.append(Student(estimate.scores.copy(), np.zeros_like(estimate.covariance)))
-    parts[1].centre[free], parts[1].scale[square] = centre, scale
-    proposal = Proposal(tuple(parts), np.full(2, 0.5))
+    parts = [Student(best.scores, best.covariance)]
+    if not spec.following.is_cthp:
+        population = population_of(model, count_of(model)).of(free)
+        others = np.linalg.inv(population.cars + population.windows)
+        scale = np.linalg.inv(own - np.eye(len(own)) + others)
+        centre = scale @ (own @ best.scores[free] + others @ population.centre)
+        parts.append(Student(best.scores.copy(), np.zeros_like(best.covariance)))
+        parts[1].centre[free], parts[1].scale[square] = centre, scale
+    proposal = Proposal(tuple(parts), np.full(len(parts), 1 / len(parts)))
     lower, upper = simulation.bounds_of(FOLLOWING[model])
     sampling, rng = Sampling(proposal, count_of(model)), np.random.default_rng(0)
     for count in PROPOSED:
-        phi = sampling.proposal.draw(count, rng)
-        phi[:, ~free] = estimate.scores[~free]  # a mean of equal values may round
-        away, none = (phi - estimate.scores)[:, free], np.zeros(count)
-        log = log_prior_of_likely(spec, phi) - log_prior(model, phi)
+        z = sampling.proposal.draw(count, rng)
+        z[:, ~free] = best.scores[~free]  # a mean of equal values may round
+        away, none = (z - best.scores)[:, free], np.zeros(count)
+        phi = _in_coordinates(spec, z)
+        # The optimum's prior, normal in z, gives way to that of other cars, a density over φ.
+        log = log_prior_of_likely(spec, phi) - _log_volume(spec, z) + 0.5 * (z**2).sum(axis=1)
         log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
-        log[((phi < lower) | (phi > upper)).any(axis=1)] = -np.inf
-        sampling.add(phi, phi, log, none, none)
-    return sampling.posterior.evenly(DRAWS).coordinates
+        log[((z < lower) | (z > upper)).any(axis=1)] = -np.inf
+        sampling.add(z, z, log, none, none)
+    return _in_coordinates(spec, sampling.posterior.evenly(DRAWS).coordinates)
 
 
 def of_others(spec: ModelSpec, z: FloatArray) -> FloatArray:
@@ -171,7 +209,7 @@ def free_of(spec: ModelSpec) -> Mask:
 
 def log_prior(model: str, phi: FloatArray) -> FloatArray:
     """(..) log density of the prior of a window's own posterior at (.., p), up to a constant."""
-    if model in CTHPS:
+    if FOLLOWING[model].is_cthp:
         return log_prior_of_features(model, phi)
     return np.asarray(-0.5 * (phi**2).sum(axis=-1))
 
@@ -187,7 +225,7 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
 
     The speed (..) in m/s is that of the linearisation; a CTHP is the same at every speed.
     """
-    if model not in CTHPS:
+    if not FOLLOWING[model].is_cthp:
         return FOLLOWING[model].linearisations(FOLLOWING[model].values_at(phi), speed)
     complete = np.zeros((*phi.shape[:-1], 6))
     complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
@@ -206,7 +244,7 @@ def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:
 
     A vehicle kept that speed, so it had one. Where none has, all draws are returned.
     """
-    if model in CTHPS or not np.isfinite(phi).all():
+    if FOLLOWING[model].is_cthp or not np.isfinite(phi).all():
         return phi
     gaps = FOLLOWING[model].equilibrium_gaps(FOLLOWING[model].values_at(phi), speed)
     kept = np.flatnonzero(np.isfinite(gaps))

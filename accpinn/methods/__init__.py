@@ -199,7 +199,7 @@ def _refusal(segment: Segment, title: str) -> SegmentError:
     where = max(first.windows, key=lambda window: window.duration)
     return SegmentError(
         f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
-        f' "{title}" needs all samples; take a window without it, or choose the PiNN's preset calibrated.'
+        f' "{title}" needs all samples; take a window without it, or choose the preset calibrated.'
     )
 
 

@@ -12,10 +12,10 @@ first weigh 1 / (2(n + λ)); the first weighs λ / (n + λ) in means, and 1 - sp
 in covariances. The noise is that of `online`. The paper measures p and Δv; with u known that is the
 same as p and v.
 
-The parameters of the fit are the last estimate, in which older parts of the window count a little
-less than newer ones, as the parameters may drift. Where it violates the rational driving
+The parameters are the last estimate, in which older parts of the windows count a little less than
+newer ones, as the parameters may drift. Where it violates the rational driving
 constraints, the most likely θ within them is taken instead; the filter itself is not constrained,
-as a bound inside it would bias its later estimates. The surrogate is the filtered motion, which
+as a bound inside it would bias its later estimates. The curves are the filtered motion, which
 follows the recording closely whatever the parameters.
 
 Case I stacks the measurements of all followers in one filter for the parameters.
@@ -27,10 +27,11 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 
 import numpy as np
 
-from accpinn.methods import direct, online
-from accpinn.methods.estimate import Fit
+from accpinn.methods import Segments, direct, online
+from accpinn.methods.estimate import Estimate
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
@@ -43,21 +44,25 @@ COVARIANCE_WEIGHTS = np.array([2.0] + 6 * [1 / 6])
 """Weights of covariances for a kurtosis of 2, the value for normal distributions."""
 
 
-def fit(segment: Segment, case: Case = "II") -> Fit:
-    """The last estimate of the parameters, their track, and the filtered motion."""
-    return online.filtered("dual-ukf", segment, case, _Dual, {"uncertain": list(UNCERTAIN)})
+def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Estimate:
+    """The last estimate of the parameters, their track, and the filtered motion in each window."""
+    config = {"uncertain": list(UNCERTAIN)}
+    return online.filtered("dual-ukf", segments, case, spec, _Dual, config)
 
 
 class _Dual(online.Filter):
     """Means and covariances of both filters; G parameter sets, F followers each."""
 
-    def __init__(self, segment: Segment, case: Case) -> None:
-        super().__init__(segment, case)
-        sets, followers = self.mask.shape[1:]
+    def __init__(self, followers: int, case: Case) -> None:
+        super().__init__(followers, case)
+        self.mean = np.tile(TYPICAL.theta, (self.sets, 1))
+        self.covariance = np.tile(online.theta_covariance(UNCERTAIN), (self.sets, 1, 1))
+
+    def begin(self, segment: Segment) -> None:
+        """See `online.Filter`."""
+        super().begin(segment)
         self.motion = self.states[0].copy()  # (G, F, 2)
-        self.spread = np.tile(self._noise, (sets, followers, 1, 1))
-        self.mean = np.tile(TYPICAL.theta, (sets, 1))
-        self.covariance = np.tile(online.theta_covariance(UNCERTAIN), (sets, 1, 1))
+        self.spread = np.tile(self._noise, (self.sets, self.members, 1, 1))
 
     @staticmethod
     def solution(theta: FloatArray, covariance: FloatArray) -> Solution:

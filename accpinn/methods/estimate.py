@@ -275,7 +275,8 @@ class Span(Quantity):
         if draws is None:
             return cls(float(value), *[float("nan")] * 4)
         ends = [end for drawn in draws for end in interval_ends(drawn, level)]
-        return cls(float(value), *map(float, ends))
+        lowest = 0.0 if value == 0.0 else float(ends[0])  # draws of logarithms are above zero
+        return cls(float(value), lowest, *map(float, ends[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,6 +304,8 @@ class Posterior:
     differ: FloatArray
     """(M,) probability that windows differ as much by sampling error alone; nan for one window, and
     under a model that is no CTHP."""
+    draws: FloatArray
+    """(M,) how many independent draws those of the least certain window are worth."""
     followers_differ: float = float("nan")
     """The same of followers that share their parameters, in the first window; nan elsewhere."""
 
@@ -333,6 +336,8 @@ class Estimate:
     outcome: Outcome
     settings: dict[str, Any]
     """Every setting that determined the result, ready for JSON."""
+    numbers: tuple[int, ...]
+    """(M,) the followers' numbers in the file."""
     speeds: FloatArray
     """(M,) each follower's median speed in m/s over the windows."""
     driven: FloatArray
@@ -394,6 +399,7 @@ class Estimate:
         usual: dict[str, Any] = {
             "curves": (),
             "settings": {},
+            "numbers": segments[0].vehicles[1:],
             "speeds": median_speeds(segments),
             "driven": np.array([np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]]),
         }
@@ -414,7 +420,9 @@ class Estimate:
             ends = f" ({gap.lower:.2f}–{gap.upper:.2f})" if self.posterior else ""
             gaps.append(f"{gap.value:.2f} s{ends}")
         said = ", ".join(gaps)
-        return f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+        return (
+            f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+        )
 
     @property
     def model(self) -> str:
@@ -455,6 +463,16 @@ class Estimate:
         """Whether a follower's windows hold a speed; what is said of another is extrapolated."""
         low, high = self.driven[:, follower]
         return bool(low <= speed <= high)
+
+    def is_determined(self, name: str, follower: int) -> bool:
+        """Whether the data say more of a parameter of a follower (0 for the first) than its prior.
+
+        Of one that they do not, the value is no finding.
+        """
+        symbol = next(p.symbol for p in self.following.parameters if p.name == name)
+        found = [f for f in self.findings if isinstance(f, Undetermined) and symbol in f.symbols]
+        numbers = {finding.vehicle for finding in found}
+        return not numbers & {0, self.numbers[follower]}
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower (0 for the first), by its name; see `names`.

@@ -199,6 +199,16 @@ class Criterion:
         return value, gradient, curvature
 
 
+def first_rows(criterion: Criterion) -> FloatArray:
+    """(S * G, P) coordinates at which the searches of all groups begin, start by start."""
+    starts = np.tile(criterion.start, (len(STARTS), 1))
+    for start, (gains, memory, noise) in zip(starts, STARTS, strict=True):
+        start[:2] += gains
+        start[MEMORY] += memory
+        start[GAP_NOISE : GAP_NOISE + 2] += noise
+    return np.repeat(starts, criterion.series.groups, axis=0)
+
+
 def maximise(
     series: Series, spec: ModelSpec = PAPER_SPEC, near: Sequence[FloatArray] | None = None
 ) -> tuple[Maximum, ...]:
@@ -207,15 +217,7 @@ def maximise(
     They begin at ``near`` (S * G, P), coordinates of all groups in turn, else at `STARTS`.
     """
     criterion = Criterion(series, spec)
-    if near is None:
-        starts = np.tile(criterion.start, (len(STARTS), 1))
-        for start, (gains, memory, noise) in zip(starts, STARTS, strict=True):
-            start[:2] += gains
-            start[MEMORY] += memory
-            start[GAP_NOISE : GAP_NOISE + 2] += noise
-        z = np.repeat(starts, series.groups, axis=0)
-    else:
-        z = np.array(near)
+    z = first_rows(criterion) if near is None else np.array(near)
     groups = np.arange(len(z)) % series.groups
     ends = search(criterion, z, groups)
     rivals = (ends[group :: series.groups] for group in range(series.groups))

@@ -10,17 +10,30 @@ one, noise and all; the less a recording moves, the more this noise biases β up
 A step that the segment masks does not change θ, and the motion is reset to the measured one.
 
 θ = (α, ατ, β) may drift slowly, as α, τ and β each in a random walk of its own.
+
+Of several windows each takes over what the one before it, in the order of time, knows of θ, and
+begins with a motion of its own. In the time between them θ neither drifts nor is forgotten, as the
+estimate is of all windows together and not of the last one.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from accpinn.methods.estimate import FilterDiverged, FilterUncertain, Fit, Outcome, ParameterTrack
+from accpinn.methods import Segments
+from accpinn.methods.estimate import (
+    Estimate,
+    FilterDiverged,
+    FilterUncertain,
+    Outcome,
+    ParameterTrack,
+)
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
@@ -42,13 +55,41 @@ DRIFT = (5e-4, 2e-3, 2e-3)
 Without it a filter ends up certain of the parameters of the first minutes, whatever comes later."""
 
 
-def kept_samples(segment: Segment) -> list[int]:
-    """The samples that a track keeps, the last among them and never the first."""
-    stride = max(1, round(TRACK_EVERY / segment.sample_time))
-    return list(range(segment.samples - 1, 0, -stride))[::-1]
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A window in the order in which the online methods take them."""
+
+    index: int
+    """Its place among the windows that are given."""
+    segment: Segment
+    begin: Seconds
+    """Its start in the time of a track; see `in_turn`."""
+
+    @property
+    def kept(self) -> list[int]:
+        """The samples that a track keeps, the last among them and never the first."""
+        stride = max(1, round(TRACK_EVERY / self.segment.sample_time))
+        return list(range(self.segment.samples - 1, 0, -stride))[::-1]
 
 
-def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> ParameterTrack:
+def in_turn(segments: Segments) -> list[Turn]:
+    """The windows in the order of time, those of a further recording after the former one's.
+
+    A track's time counts from the first window's start, and windows of a recording lie as far apart
+    as in it; a further recording begins where the last window of the former one ends.
+    """
+    turns: list[Turn] = []
+    begin = 0.0
+    for recording in dict.fromkeys((s.source, s.sha256) for s in segments):
+        own = [k for k, s in enumerate(segments) if (s.source, s.sha256) == recording]
+        own.sort(key=lambda k: segments[k].start)
+        first = begin - segments[own[0]].start
+        turns += [Turn(k, segments[k], first + segments[k].start) for k in own]
+        begin = max(turn.begin + turn.segment.window.duration for turn in turns)
+    return turns
+
+
+def track(turns: Sequence[Turn], theta: FloatArray, covariance: FloatArray) -> ParameterTrack:
     """Parameters and their deviations at the kept samples, from θ (K, G, 3) and its covariance.
 
     G is 1 (shared by all followers) or M.
@@ -60,10 +101,10 @@ def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> Parame
     variance = np.moveaxis(np.diagonal(covariance, axis1=2, axis2=3), -1, 0)
     # τ = ατ / α to first order.
     of_tau = variance[1] - 2 * tau * covariance[..., 0, 1] + tau**2 * variance[0]
-    shape = (len(theta), segment.followers, 3)
+    shape = (len(theta), turns[0].segment.followers, 3)
     squares = np.stack([variance[0], variance[2], np.maximum(of_tau, 0) * per_alpha**2], -1)
     return ParameterTrack(
-        segment.time[kept_samples(segment)],
+        np.concatenate([turn.begin + turn.segment.time[turn.kept] for turn in turns]),
         Parameters.of(np.broadcast_to(np.stack([alpha, beta, tau], -1), shape)),
         np.broadcast_to(np.sqrt(squares), shape),
     )
@@ -100,10 +141,17 @@ class Filter(ABC):
     motion: FloatArray
     """(G, F, 2) the mean of p and v."""
 
-    def __init__(self, segment: Segment, case: Case) -> None:
-        """Order the measurements by parameter set: one of M followers (Case I), or M of one."""
-        sets = 1 if case == "I" else segment.followers
-        shape = (segment.samples, sets, segment.followers // sets)
+    def __init__(self, followers: int, case: Case) -> None:
+        """Know no sample yet; one parameter set of M followers (Case I), or M of one."""
+        self.sets = 1 if case == "I" else followers
+        """G."""
+        self.members = followers // self.sets
+        """F."""
+        self._noise = np.diag([GAP_ERROR**2, SPEED_ERROR**2])
+
+    def begin(self, segment: Segment) -> None:
+        """Begin a window with the motion of its first sample, and with θ as it is known so far."""
+        shape = (segment.samples, self.sets, self.members)
         mask = np.ones(segment.gaps.shape)
         if segment.mask is not None:  # a step needs both of its samples
             mask[1:] = segment.mask[1:] & segment.mask[:-1]
@@ -116,7 +164,6 @@ class Filter(ABC):
         self.ahead = ahead.reshape(*shape, 2)
         """(N, G, F, 2) each predecessor's speed at the beginning and the end of a step."""
         self._step = step = segment.sample_time
-        self._noise = np.diag([GAP_ERROR**2, SPEED_ERROR**2])
         # What a white acceleration adds to (p, v) in one step.
         mixed = np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
         self._motion_noise = 2 * UNEXPLAINED**2 * LASTING * mixed
@@ -137,52 +184,59 @@ class Filter(ABC):
 
 def filtered(
     method: str,
-    segment: Segment,
+    segments: Segments,
     case: Case,
-    kind: Callable[[Segment, Case], Filter],
+    spec: ModelSpec,
+    kind: Callable[[int, Case], Filter],
     config: dict[str, Any],
-) -> Fit:
-    """The last estimate of the parameters, their track, and the filtered motion.
+) -> Estimate:
+    """The last estimate of the parameters, their track, and the filtered motion in each window.
 
-    A filter of a ``kind`` knows the first sample when it is made; ``config`` holds what it alone
-    assumes.
+    ``kind`` makes a filter of followers and Case; ``config`` holds what it alone assumes.
     """
-    filter_, config = kind(segment, case), settings() | config
-    motion = filter_.states.copy()
-    solutions, covariances, kept = [], [], set(kept_samples(segment))
+    followers, config = segments[0].followers, settings() | config
+    filter_, turns = kind(followers, case), in_turn(segments)
+    solutions, covariances, curves = [], [], {}
     try:
-        for now in range(1, segment.samples):
-            filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
-            motion[now] = filter_.motion
-            if now in kept:
-                pairs = zip(filter_.mean, filter_.covariance, strict=True)
-                solutions.append([filter_.solution(*pair) for pair in pairs])
-                covariances.append(filter_.covariance)
+        for turn in turns:
+            segment, kept = turn.segment, set(turn.kept)
+            filter_.begin(segment)
+            motion = filter_.states.copy()
+            for now in range(1, segment.samples):
+                filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
+                motion[now] = filter_.motion
+                if now in kept:
+                    pairs = zip(filter_.mean, filter_.covariance, strict=True)
+                    solutions.append([filter_.solution(*pair) for pair in pairs])
+                    covariances.append(filter_.covariance)
+            gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
+            speeds = np.column_stack([segment.speeds[:, 0], speeds])
+            curves[turn.index] = Trajectories(segment.time, speeds, gaps)
     except np.linalg.LinAlgError:  # no motion follows the measurements
-        unknown = Solution.of(np.full((segment.followers, 3), np.nan))
-        return Fit.of(
+        unknown = Solution.of(np.full((followers, 3), np.nan))
+        return Estimate.of(
             method,
-            segment,
+            segments,
             case,
+            spec,
             unknown,
             outcome=Outcome.DIVERGED,
-            config=config,
+            settings=config,
             findings=[FilterDiverged()],
         )
-    gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
-    speeds = np.column_stack([segment.speeds[:, 0], speeds])
     theta = np.array([[solution.theta for solution in now] for now in solutions])
-    path = track(segment, theta, np.array(covariances))
-    return Fit.of(
+    path = track(turns, theta, np.array(covariances))
+    return Estimate.of(
         method,
-        segment,
+        segments,
         case,
-        Solution.stack(solutions[-1], segment.followers),
-        surrogate=Trajectories(segment.time, speeds, gaps),
+        spec,
+        Solution.stack(solutions[-1], followers),
+        curves=tuple(curves[k] for k in range(len(segments))),
         outcome=Outcome.FILTERED,
-        config=config,
+        settings=config,
         track=path,
-        findings=_uncertain_gains(segment, path),
+        findings=_uncertain_gains(segments[0], path),
     )
 
 
@@ -203,7 +257,7 @@ def theta_covariance(deviation: tuple[float, float, float]) -> FloatArray:
 
 
 def settings() -> dict[str, Any]:
-    """The assumptions above, as a fit's configuration has them."""
+    """The assumptions above, as `Estimate.settings` has them."""
     return {
         "speed_error": SPEED_ERROR,
         "gap_error": GAP_ERROR,

@@ -17,9 +17,9 @@ by systematic resampling and moved a little, so that no two are the same:
 which keeps the cloud's mean θ̄ and covariance V, but for the drift. A component below zero changes
 its sign: the rational driving constraints hold for every particle.
 
-The parameters of the fit are the cloud's mean at the end, in which older parts of the window count
-a little less than newer ones. The surrogate is the cloud's mean motion, which follows the recording
-closely whatever the parameters. Case I weighs each particle by all followers.
+The parameters are the cloud's mean at the end, in which older parts of the windows count a little
+less than newer ones. The curves are the cloud's mean motion, which follows the recording closely
+whatever the parameters. Case I weighs each particle by all followers.
 
 Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelligent Vehicles 6
 (2021) 288-298. They sample the motion too; that it need not be is Schön, Gustafsson and Nordlund,
@@ -31,9 +31,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.methods import direct, online
-from accpinn.methods.estimate import Fit
+from accpinn.methods import Segments, direct, online
+from accpinn.methods.estimate import Estimate
 from accpinn.model.cthp import SPREAD, TYPICAL, Case
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
@@ -49,37 +50,40 @@ STEADY = 1e-6
 """Relative change in a step below which S and K stand still."""
 
 
-def fit(segment: Segment, case: Case = "II") -> Fit:
-    """The last mean of the cloud, its track, and its mean motion."""
+def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Estimate:
+    """The last mean of the cloud, its track, and its mean motion in each window."""
     config = {"particles": PARTICLES, "seed": SEED, "shrink": SHRINK}
-    found = online.filtered("particle", segment, case, _Cloud, config)
+    found = online.filtered("particle", segments, case, spec, _Cloud, config)
     return replace(found, unconstrained=None)  # no particle leaves the bounds
 
 
 class _Cloud(online.Filter):
     """P particles for each of G parameter sets, with F followers each."""
 
-    def __init__(self, segment: Segment, case: Case) -> None:
-        super().__init__(segment, case)
-        sets, followers = self.mask.shape[1:]
+    def __init__(self, followers: int, case: Case) -> None:
+        super().__init__(followers, case)
+        sets = self.sets
         self._random = np.random.default_rng(SEED)
-        self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets)
-        self._transition = np.empty((sets, 2, 2))
-        self._precision, self._is_steady = np.empty((sets, 2, 2)), False
+        self._spread, self._transition, self._precision = np.empty((3, sets, 2, 2))
+        self._is_steady = False
         self._maps = np.empty((sets, 4, 2, PARTICLES))
         self._returns = np.empty((sets, 2, 2, PARTICLES))
-        for k in range(sets):
-            self._prepare(k)
-        self._known = np.empty((sets, followers, 4))
+        self._known = np.empty((sets, self.members, 4))
         """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
-        self._known[..., :2] = self.states[0]
-        self._offsets = np.zeros((sets, followers, 2, PARTICLES))
+        self._offsets = np.empty((sets, self.members, 2, PARTICLES))
         """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
         self._logs = np.zeros((sets, PARTICLES))
         self._weights = np.full((sets, PARTICLES), 1 / PARTICLES)
         self._steps_since = np.full(sets, -1)
         self.mean = self._theta.mean(axis=2).T
+
+    def begin(self, segment: Segment) -> None:
+        """See `online.Filter`; the cloud and its weights are kept."""
+        super().begin(segment)
+        for k in range(self.sets):
+            self._prepare(k)
+        self._restart(self.states[0])
 
     def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
         """See `online.Filter`; where too few particles count, they are drawn anew first."""
@@ -88,9 +92,7 @@ class _Cloud(online.Filter):
         for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
             self._redraw(int(k))
         if not mask.any():
-            self._known[..., :2] = measured
-            self._forget()
-            self._offsets[:] = 0
+            self._restart(measured)
             return
         if not self._is_steady:
             self._follow_spread()
@@ -110,6 +112,12 @@ class _Cloud(online.Filter):
         self._weights = np.exp(self._logs)
         self._weights /= self._weights.sum(axis=1, keepdims=True)
         self.mean = np.einsum("cgp,gp->gc", self._theta, self._weights)
+
+    def _restart(self, measured: FloatArray) -> None:
+        """All motions are the measured one (G, F, 2), errors and all."""
+        self._known[..., :2] = measured
+        self._forget()
+        self._offsets[:] = 0
 
     def _follow_spread(self) -> None:
         """Bring S⁻¹ and the motion's spread to the next step, until they stand still."""

@@ -14,22 +14,34 @@ This is the information form of the recursion: it needs no first guess, and G_k 
 definiteness to rounding. The means on the right keep a receiver's white noise on v from being
 correlated with the difference on the left, which would bias a forward difference.
 
-The parameters of the fit are the mean of θ_k after one memory or half of the window; the last θ_k
-would represent the last minute only.
+The parameters are the mean of θ_k after a run-in of one memory or half of the time driven; the last
+θ_k would represent the last minute only.
 
-Case I sums the rows of all followers. Masked rows add nothing; the memory fades meanwhile.
+Case I sums the rows of all followers. Masked rows add nothing; the memory fades meanwhile. Of
+several windows each goes on with the sums of the one before it, in the order of time, and nothing
+fades in between.
 
 Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelligent Vehicles 6
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
 """
 
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from accpinn.methods import direct
-from accpinn.methods.estimate import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
-from accpinn.methods.online import kept_samples, track
+from accpinn.methods import Segments, direct
+from accpinn.methods.estimate import (
+    BoundActiveAtTimes,
+    Estimate,
+    MethodFinding,
+    Outcome,
+    WeaklyDetermined,
+)
+from accpinn.methods.online import Turn, in_turn, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
@@ -40,32 +52,24 @@ UNDETERMINED = 1e10
 """Condition number of G, scaled to a unit diagonal, beyond which rounding decides."""
 
 
-def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
-    """The mean of the estimates after a run-in, and their track; there is no surrogate.
+def fit(
+    segments: Segments,
+    case: Case = "II",
+    spec: ModelSpec = PAPER_SPEC,
+    memory: Seconds = MEMORY,
+) -> Estimate:
+    """The mean of the estimates after a run-in, and their track; there are no curves.
 
     ``memory`` is the time constant of forgetting.
     """
-    from scipy.signal import lfilter  # takes a second to import, which few need
+    turns = in_turn(segments)
+    windows = [_Rows.of(turn.segment) for turn in turns]
 
-    kept, step = kept_samples(segment), segment.sample_time
-    terms = regressors(segment.speeds, segment.gaps)
-    rows = (terms[:, 1:] + terms[:, :-1]) / 2
-    rates = np.diff(segment.speeds[:, 1:], axis=0).T / step
-    weights = np.ones_like(rates)
-    if segment.mask is not None:  # a row needs both of its samples
-        weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
-        rows, rates = rows * weights[..., None], rates * weights
-    keep = float(np.exp(-step / memory))
+    def summed(values: Callable[[_Rows], FloatArray], power: int = 1) -> FloatArray:
+        forgetting = [np.exp(-turn.segment.sample_time / memory) ** power for turn in turns]
+        return _fading_sums(map(values, windows), forgetting, [t.kept for t in turns], case)
 
-    def summed(values: FloatArray, forgetting: float = keep) -> FloatArray:
-        """(M, N-1, ..) to (K, G, ..): the weighted sums up to the kept samples."""
-        if case == "I":
-            values = values.sum(axis=0, keepdims=True)
-        sums: FloatArray = lfilter([1.0], [1.0, -forgetting], values, axis=1)
-        return sums[:, np.array(kept) - 1].swapaxes(0, 1)
-
-    products = rows[..., :, None] * rows[..., None, :]
-    gram, moment = summed(products), summed(rows * rates[..., None])
+    gram, moment = summed(_Rows.products), summed(lambda rows: rows.terms * rows.rates[..., None])
     theta, free = np.full((2, *moment.shape), np.nan)
     determined = _determined(gram)
     for index in np.argwhere(determined):
@@ -74,12 +78,12 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         theta[at], free[at] = solution.theta, solution.unconstrained
     # The covariance of the unconstrained θ, as if the errors were independent of one another.
     inverse = np.linalg.inv(np.where(determined[..., None, None], gram, np.eye(3)))
-    explained, weight = np.einsum("kgi,kgi->kg", moment, free), summed(weights)
+    explained, weight = np.einsum("kgi,kgi->kg", moment, free), summed(lambda rows: rows.weights)
     weight = np.where(weight > 0, weight, 1.0)
-    variance = np.maximum(summed(rates**2) - explained, 0.0) / weight
-    covariance = inverse @ summed(products, keep**2) @ inverse
+    variance = np.maximum(summed(lambda rows: rows.rates**2) - explained, 0.0) / weight
+    covariance = inverse @ summed(_Rows.products, power=2) @ inverse
 
-    late = segment.time[kept] >= min(memory, segment.window.duration / 2)
+    late = _driven(turns) >= min(memory, sum(s.window.duration for s in segments) / 2)
     means = []
     for k in range(theta.shape[1]):
         counts = late & determined[:, k]
@@ -88,17 +92,75 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
             means.append(Solution(frozen(mean), frozen(free[counts, k].mean(axis=0)), mean == 0))
         else:  # the shortest θ that fits
             means.append(solve_bounded(gram[-1, k], moment[-1, k]))
-    solution = Solution.stack(means, segment.followers)
-    return Fit.of(
+    solution = Solution.stack(means, segments[0].followers)
+    return Estimate.of(
         "recursive",
-        segment,
+        segments,
         case,
+        spec,
         solution,
         outcome=Outcome.FILTERED,
-        config={"memory": memory},
-        track=track(segment, theta, variance[..., None, None] * covariance),
-        findings=_findings(segment, theta[late], solution),
+        settings={"memory": memory},
+        track=track(turns, theta, variance[..., None, None] * covariance),
+        findings=_findings(segments[0], theta[late], solution),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """What the steps of a window add to the sums; zero for a step that does not count."""
+
+    terms: FloatArray
+    """(M, N-1, 3) φ̄."""
+    rates: FloatArray
+    """(M, N-1) y."""
+    weights: FloatArray
+    """(M, N-1) 1 for a step that counts."""
+
+    @classmethod
+    def of(cls, segment: Segment) -> "_Rows":
+        """The rows of a segment."""
+        terms = regressors(segment.speeds, segment.gaps)
+        means = (terms[:, 1:] + terms[:, :-1]) / 2
+        rates = np.diff(segment.speeds[:, 1:], axis=0).T / segment.sample_time
+        weights = np.ones_like(rates)
+        if segment.mask is not None:  # a row needs both of its samples
+            weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
+        return cls(means * weights[..., None], rates * weights, weights)
+
+    def products(self) -> FloatArray:
+        """(M, N-1, 3, 3) φ̄ φ̄ᵀ."""
+        return self.terms[..., :, None] * self.terms[..., None, :]
+
+
+def _fading_sums(
+    windows: Iterable[FloatArray],
+    forgetting: Iterable[float],
+    kept: Iterable[list[int]],
+    case: Case,
+) -> FloatArray:
+    """(K, G, ..) the weighted sums up to the kept samples, of (M, N-1, ..) in each window.
+
+    Each window goes on with the sum of the one before it.
+    """
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
+    parts, last = [], np.zeros(())
+    for values, keep, samples in zip(windows, forgetting, kept, strict=True):
+        if case == "I":
+            values = values.sum(axis=0, keepdims=True)
+        before = np.broadcast_to(keep * last, values[:, :1].shape)
+        sums, _ = lfilter([1.0], [1.0, -keep], values, axis=1, zi=before)
+        last = sums[:, -1:]
+        parts.append(sums[:, np.array(samples) - 1].swapaxes(0, 1))
+    return np.concatenate(parts)
+
+
+def _driven(turns: Sequence[Turn]) -> FloatArray:
+    """(K,) the time spent in windows up to the kept samples, in s."""
+    before = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
+    parts = [begin + t.segment.time[t.kept] for begin, t in zip(before, turns, strict=True)]
+    return np.concatenate(parts)
 
 
 def _determined(gram: FloatArray) -> Mask:

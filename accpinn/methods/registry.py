@@ -1,20 +1,20 @@
 """Every method by its key, in the order in which they are shown."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import (
     Method,
     dual_ukf,
     least_squares,
-    maximum_likelihood,
     particle,
     recursive,
     simulation,
     splines,
 )
 from accpinn.methods.pinn import training as pinn
-from accpinn.model.registry import CTHPS
+from accpinn.methods.pinn.config import PRESETS, PinnConfig
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import IncompleteWindow, cut
@@ -24,7 +24,6 @@ METHODS: dict[str, Method] = {
     method.key: method
     for method in (
         pinn.METHOD,
-        maximum_likelihood.METHOD,
         least_squares.METHOD,
         least_squares.SMOOTHED,
         splines.METHOD,
@@ -34,12 +33,25 @@ METHODS: dict[str, Method] = {
         dual_ukf.METHOD,
     )
 }
+VARIANTS: dict[str, tuple[str, PinnConfig | None]] = {
+    "pinn": ("pinn", PRESETS["calibrated"]),
+    "pinn-fast": ("pinn", PRESETS["fast"]),
+    "pinn-paper": ("pinn", PRESETS["paper"]),
+    **{key: (key, None) for key in METHODS if key != "pinn"},
+}
+"""A method with the settings that a name stands for, where several are run side by side."""
+COMPARED = tuple(name for name in VARIANTS if name != "pinn-paper")
+"""Those that are compared unless others are named: training by the preset paper takes minutes."""
+_ALIASES = {"maximum-likelihood": "pinn", "pinn-calibrated": "pinn"}
 
 
-def usual_method(model: str | None, preset: str | None = None) -> str:
-    """The method by which a model is estimated unless another is named: a preset may be."""
-    by_network = model in CTHPS or model in pinn.METHOD.models({"preset": preset})
-    return "pinn" if model is None or by_network else simulation.METHOD.key
+def recommended_method(model: str | None = None) -> str:
+    """The method by which a model is estimated unless another is named.
+
+    It is the one with a posterior: the PiNN's preset calibrated, or else simulation.
+    """
+    able = METHODS["pinn"].models(PRESETS["calibrated"].to_json())
+    return "pinn" if model is None or model in able else simulation.METHOD.key
 
 
 def method_of(key: str) -> Method:
@@ -48,13 +60,36 @@ def method_of(key: str) -> Method:
     Raises:
         ConfigError: for an unknown key.
     """
-    if key not in METHODS:
-        raise ConfigError(f"method: {key[:40]} is not known; choose {', '.join(METHODS)}.")
-    return METHODS[key]
+    if _ALIASES.get(key, key) not in METHODS:
+        raise ConfigError(f"method: {str(key)[:40]} is not known; choose {', '.join(METHODS)}.")
+    return METHODS[_ALIASES.get(key, key)]
+
+
+def known_variant(name: str) -> str:
+    """The name in `VARIANTS` that a name stands for.
+
+    Raises:
+        ConfigError: for an unknown name.
+    """
+    known = _ALIASES.get(name, name)
+    if known not in VARIANTS:
+        raise ConfigError(f"methods: {str(name)[:40]} is not known; choose {', '.join(VARIANTS)}.")
+    return known
+
+
+def variant_of(name: str) -> tuple[str, PinnConfig | None]:
+    """The method and the settings that a name stands for; see `known_variant`."""
+    return VARIANTS[known_variant(name)]
+
+
+def variant_name(method: str, settings: Mapping[str, Any]) -> str:
+    """The name in `VARIANTS` of a method with settings as JSON; presets count, not options."""
+    preset = settings.get("preset")
+    return method if preset in (None, "calibrated") else f"{method}-{preset}"
 
 
 def segment_for(
-    methods: Sequence[str],
+    variants: Sequence[tuple[str, Mapping[str, Any]]],
     recording: Recording,
     start: Seconds,
     duration: Seconds,
@@ -63,7 +98,7 @@ def segment_for(
     """The window that methods are to be applied to; samples may be missing if all allow that.
 
     Args:
-        methods: keys of `METHODS`.
+        variants: keys of `METHODS` with their settings as JSON.
         recording: what to cut from.
         start: see `accpinn.segment.cut.cut`, as all others.
         duration: in s.
@@ -72,13 +107,12 @@ def segment_for(
     Raises:
         SegmentError: one sentence of what is wrong and what would be possible.
     """
-    allowed = all(METHODS[key].allows_missing for key in methods)
+    allowed = all(METHODS[key].allows_missing(settings) for key, settings in variants)
     try:
         return cut(recording, start, duration, vehicles, allow_missing=allowed)
     except IncompleteWindow as fault:
-        others = " or ".join(key for key, method in METHODS.items() if method.allows_missing)
-        alone = " alone" if len(methods) > 1 else ""
+        alone = " alone" if len(variants) > 1 else ""
         raise SegmentError(
-            f"{str(fault).removesuffix('.')}, or choose {others}{alone}, which allows missing"
-            " samples."
+            f"{str(fault).removesuffix('.')}, or choose the PiNN's preset calibrated{alone}, which"
+            " allows missing samples."
         ) from None

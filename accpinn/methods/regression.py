@@ -3,7 +3,11 @@
     dv/dt = X θ + r,    X = (p, -v, Δv),    θ = (α, ατ, β) ≥ 0
 
 The rates dv/dt are central differences. Instants that the segment masks do not count, nor do those
-at which a sample is missing.
+at which a sample is missing. The rows of several windows stand one after the other, so that their
+normal equations add up and each instant of any window counts once.
+
+With an intercept s₀ [m] the model is dv/dt = X θ - α s₀ + r. A fixed s₀ is taken from the gaps; one
+that is estimated vanishes from rows about their means, over all windows together as they share it.
 """
 
 from collections.abc import Sequence
@@ -14,6 +18,8 @@ from typing import Self
 import numpy as np
 
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
+from accpinn.model.registry import PAPER
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, frozen
 
@@ -104,8 +110,12 @@ class Regression:
 
     @classmethod
     def of_windows(cls, segments: Sequence[Segment]) -> Self:
-        """The rows of several windows of the same followers, one after the other."""
-        parts = [cls.of(segment) for segment in segments]
+        """The rows of several windows, with central differences of their speeds."""
+        return cls.joined([cls.of(segment) for segment in segments])
+
+    @classmethod
+    def joined(cls, parts: Sequence["Regression"]) -> Self:
+        """The rows of several motions of the same followers, one after the other."""
         terms = np.concatenate([part.terms for part in parts], axis=1)
         return cls(terms, np.concatenate([part.rates for part in parts], axis=1))
 
@@ -139,16 +149,19 @@ class Regression:
         """(M, 3) Xᵀ dv/dt."""
         return np.asarray(np.einsum("mnk,mn->mk", self.terms, self.rates))
 
-    def solve(self, case: Case) -> Solution:
-        """The least-squares θ within the rational driving constraints."""
-        return solve_platoon(self.grams(), self.moments(), case)
+    def solve(self, case: Case, spec: ModelSpec = PAPER_SPEC) -> Solution:
+        """The least-squares θ within the rational driving constraints.
 
-    def solve_with_intercept(self, case: Case) -> Solution:
-        """The same with an s₀, for dv/dt = X θ - α s₀ + r; nan where α = 0.
-
-        About their means over the instants that count, rows have no s₀.
+        The model is the CTHP or the one with an s₀, which is nan where α = 0 unless it is fixed.
         """
+        if spec.model == PAPER:
+            return solve_platoon(self.grams(), self.moments(), case)
         counts: Mask = np.asarray(self.terms.any(axis=2))
+        if spec.fixed:
+            ((_, s0),) = spec.fixed
+            shift = counts[..., None] * np.array([s0, 0.0, 0.0])
+            solution = Regression(self.terms - shift, self.rates).solve(case)
+            return _with_intercept(solution, np.full(len(counts), s0))
         axis = (0, 1) if case == "I" else 1
         weights = counts[..., None] / counts.sum(axis=axis, keepdims=True)[..., None]
         term = (weights * self.terms).sum(axis=axis, keepdims=True)
@@ -158,4 +171,9 @@ class Regression:
         rest = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
         alpha = solution.theta[:, 0]
         s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
-        return replace(solution, terms=np.column_stack([s0, np.zeros((len(s0), 2))]))
+        return _with_intercept(solution, s0)
+
+
+def _with_intercept(solution: Solution, s0: FloatArray) -> Solution:
+    """The solution (M, 3) with intercepts (M,) in m."""
+    return replace(solution, terms=np.column_stack([s0, np.zeros((len(s0), 2))]))

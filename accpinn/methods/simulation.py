@@ -27,9 +27,10 @@ Newey and West, Econometrica 55 (1987) 703-708, for errors that last; Bell and M
 Methodology 28 (2002) 169-181, for few blocks.
 """
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from itertools import chain, pairwise
 
 import numpy as np
@@ -37,15 +38,23 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
-from accpinn.methods import best_first, direct, one_thread
-from accpinn.methods.estimate import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
+from accpinn.methods import Method, Segments, TaskContext, one_thread
+from accpinn.methods.estimate import (
+    Estimate,
+    MethodFinding,
+    Outcome,
+    Progress,
+    Recorder,
+    SimulatedSeparately,
+    Undetermined,
+)
 from accpinn.methods.series import determined_followers
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
-from accpinn.model.registry import FOLLOWING, Fixed
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.registry import BEST, FOLLOWING, Fixed, value_of
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
-from accpinn.units import FloatArray, Mask, Seconds, known_mean, stretches
+from accpinn.units import FloatArray, Mask, Seconds, nanmean, stretches
 
 KEY = "simulation"
 MEMORY: Seconds = 10.0
@@ -125,8 +134,8 @@ class Drives:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
-    """The parameters of one follower under one model, complete and with intervals."""
+class Optimum:
+    """The best parameters of one follower under one model, complete and with intervals."""
 
     model: FollowingModel
     theta: FloatArray
@@ -161,18 +170,20 @@ class Estimate:
 
 
 @one_thread
-def estimate(
+def optima(
     model: FollowingModel,
     drives: Drives,
     groups: Sequence[Sequence[int]],
     should_stop: Callable[[], bool] | None = None,
     *,
     fixed: Fixed = (),
-) -> tuple[Estimate, ...]:
-    """The best parameters for each of several groups of windows, all searched at once.
+    on_round: Callable[[int, FloatArray, FloatArray], object] | None = None,
+) -> tuple[Optimum, ...]:
+    """The best parameters for each of P groups of windows, all searched at once.
 
-    A group is the indices of the windows that share one parameter set, and has one estimate.
-    ``should_stop`` is asked before every round; True ends the search with what it has.
+    A group is the indices of the windows that share one parameter set. ``should_stop`` is asked
+    before every round; True ends the search with what it has. ``on_round`` is given the number of
+    the round, the best z (P, n) and their objectives (P,).
     """
     search = _Search(model, drives, groups, fixed)
     problems, rng = len(groups), np.random.default_rng(0)
@@ -183,7 +194,11 @@ def estimate(
     owner = np.repeat(np.arange(problems), starts)
     damping, active = np.full(len(z), 1e-2), np.ones(len(z), bool)
     value, gradient, curvature = search.expanded(z, owner)
+    by_group = np.arange(len(z)).reshape(problems, -1)
     for turn in range(ROUNDS):
+        if on_round:
+            best_rows = by_group[np.arange(problems), value[by_group].argmin(axis=1)]
+            on_round(turn, z[best_rows], value[best_rows])
         if not active.any() or (should_stop and should_stop()):
             break
         rows = np.flatnonzero(active)
@@ -203,8 +218,8 @@ def estimate(
             best = np.full(problems, np.inf)
             np.minimum.at(best, owner, value)
             active &= value < best[owner] + BEHIND
-    chosen = [int(rows[np.argmin(value[rows])]) for rows in np.arange(len(z)).reshape(problems, -1)]
-    return search.estimates(z[chosen], (~active & np.isfinite(value))[chosen])
+    chosen = by_group[np.arange(problems), value[by_group].argmin(axis=1)]
+    return search.optima(z[chosen], (~active & np.isfinite(value))[chosen])
 
 
 def starts_of(model: FollowingModel) -> int:
@@ -274,8 +289,8 @@ class _Search:
         system = curvature + np.einsum("bi,ij->bij", damping[:, None] * diagonal, np.eye(len(z.T)))
         return bounded_step(z, gradient, system, self.bounds)
 
-    def estimates(self, z: FloatArray, converged: Mask) -> tuple[Estimate, ...]:
-        """The estimates of all groups, with intervals."""
+    def optima(self, z: FloatArray, converged: Mask) -> tuple[Optimum, ...]:
+        """The optima of all groups, with intervals."""
         owner, model = np.arange(len(z)), self._model
         errors, slopes, freedom = self._linear(z, owner)
         weight = freedom[1] / np.einsum("kcbw,kcbw->b", errors, errors)
@@ -302,7 +317,7 @@ class _Search:
         ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
         theta, lower, upper = (model.values_at(part).T for part in ends_of)
         return tuple(
-            Estimate(
+            Optimum(
                 model,
                 theta[k],
                 lower[k],
@@ -361,15 +376,25 @@ def refuse_short(segment: Segment) -> None:
 
 @lru_cache(maxsize=256)
 def estimates(
-    segments: tuple[Segment, ...], case: Case, spec: ModelSpec
-) -> tuple[tuple[list[int], Estimate], ...]:
-    """The estimate of each follower that several windows together determine, and whose it is.
+    segments: Segments, case: Case, spec: ModelSpec
+) -> tuple[tuple[list[int], Optimum], ...]:
+    """The optimum of each follower that several windows together determine, and whose it is.
 
-    Each follower is simulated behind the measured vehicle ahead. Case I has one estimate for all.
+    Each follower is simulated behind the measured vehicle ahead. Case I has one optimum for all.
 
     Raises:
         SegmentError: where a window is too short, or simulations almost diverge.
     """
+    return _searched(segments, case, spec)
+
+
+def _searched(
+    segments: Segments,
+    case: Case,
+    spec: ModelSpec,
+    should_stop: Callable[[], bool] | None = None,
+    on_round: Callable[[list[list[int]], int, FloatArray, FloatArray], object] | None = None,
+) -> tuple[tuple[list[int], Optimum], ...]:
     for segment in segments:
         refuse_short(segment)
     followers = range(segments[0].followers)
@@ -382,17 +407,19 @@ def estimates(
     usable = [k for k in determined_followers(segments, case) if parts[k]]
     if not usable:
         return ()
-    model = FOLLOWING[spec.model]
+    model = spec.following
     rows = [usable] if case == "I" else [[k] for k in usable]
     simulated = [[part for k in row for part in parts[k]] for row in rows]
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
+    drives = Drives.of([*chain(*simulated)], model)
+    told = partial(on_round, rows) if on_round else None
     try:
-        best = estimate(model, Drives.of([*chain(*simulated)], model), groups, fixed=spec.fixed)
+        best = optima(model, drives, groups, should_stop, fixed=spec.fixed, on_round=told)
     except np.linalg.LinAlgError:
         raise SegmentError(
             f"{segments[0].source}: simulations by the {model.title} almost diverge with what is"
-            " held; hold other values, or none."
+            " fixed; fix other values, or none."
         ) from None
     return tuple(zip(rows, best, strict=True))
 
@@ -411,54 +438,90 @@ def counted_stretches(segment: Segment) -> list[Segment]:
 
 
 def fit(
-    segment: Segment,
-    case: Case = "II",
-    spec: ModelSpec = PAPER_SPEC,
-    segments: tuple[Segment, ...] = (),
-) -> Fit:
-    """The parameters of the best closed-loop simulation of all ``segments``, or of the segment.
+    segments: Segments, case: Case, _settings: None, context: TaskContext, spec: ModelSpec
+) -> Estimate:
+    """The parameters of the best closed-loop simulation of all windows (K,).
 
-    The surrogate is that of each follower behind the measured vehicle ahead.
+    The curves are those of each follower behind the measured vehicle ahead.
 
     Raises:
         SegmentError: where a window is too short.
     """
-    segments = segments or (segment,)
-    model, speeds = FOLLOWING[spec.model], median_speeds(segments)
-    theta = np.full((len(model.parameters), segment.followers), np.nan)
-    findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
-    converged = True
-    for row, best in estimates(segments, case, spec):
-        theta[:, row] = best.theta[:, None]
-        converged &= best.converged
+    started, model, speeds = time.perf_counter(), spec.following, median_speeds(segments)
+    first, recorder = segments[0], Recorder()
+    is_shared = case == "I"
+
+    def parameters_of(rows: Sequence[Sequence[int]], values: Sequence[FloatArray]) -> Parameters:
+        theta = np.full((len(model.parameters), first.followers), np.nan)
+        for row, own in zip(rows, values, strict=True):
+            theta[:, row] = own[:, None]
+        return model.linearisations(theta, speeds)
+
+    def note(rows: list[list[int]], turn: int, z: FloatArray, value: FloatArray) -> None:
+        now = parameters_of(rows, [*model.values_at(z).T])
+        moment = Progress(
+            "parameters", turn, ROUNDS, time.perf_counter() - started, float(value.sum()),
+            np.nan, np.nan, np.nan, now[:1] if is_shared else now,
+        )  # fmt: skip
+        recorder.add(moment)
+        if context.on_progress:
+            context.on_progress(replace(moment, curves=_driven(first, model, now)))
+
+    found = _searched(segments, case, spec, context.should_stop, note)
+    findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
+    for row, best in found:
         if best.undetermined:
-            vehicle = 0 if segment.shares(case) else segment.vehicles[row[0] + 1]
+            vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
+    parameters = parameters_of([row for row, _ in found], [best.theta for _, best in found])
     symbols = tuple(parameter.symbol for parameter in model.parameters)
-    for k in np.flatnonzero(np.isnan(theta).all(axis=0)):
-        findings.append(Undetermined(segment.vehicles[k + 1], model.title, symbols))
-    gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
-    for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
-        pair = segment.pair(int(k))
-        start = pair.speeds[0, 1:], pair.gaps[0]
-        motion = model.simulate(theta[:, k], segment.time, pair.speeds[:, 0], *start)
-        gaps[:, k], driven[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
-    errors = (gaps - segment.gaps) ** 2 + (driven - segment.speeds)[:, 1:] ** 2
-    return Fit(
+    for k in np.flatnonzero(np.isnan(parameters.alpha)):
+        findings.append(Undetermined(first.vehicles[k + 1], model.title, symbols))
+    outcome = Outcome.FINISHED
+    if context.is_stopped:
+        outcome = Outcome.STOPPED
+    elif all(best.converged for _, best in found):
+        outcome = Outcome.CONVERGED
+    curves = tuple(_driven(segment, model, parameters) for segment in segments)
+    squares = [
+        ((motion.gaps - s.gaps) ** 2 + (motion.speeds - s.speeds)[:, 1:] ** 2)[s.counts]
+        for s, motion in zip(segments, curves, strict=True)
+    ]
+    return Estimate.of(
         KEY,
+        segments,
         case,
-        model.linearisations(theta, speeds),
-        Trajectories(segment.time, driven, gaps),
-        Outcome.CONVERGED if converged else Outcome.FINISHED,
-        0.0,
-        {"starts": starts_of(model)},
-        {"total": float(known_mean(errors[segment.counts]))},
-        findings=tuple(findings),
+        spec,
+        parameters,
+        curves=curves,
+        outcome=outcome,
+        seconds=time.perf_counter() - started,
+        settings={"starts": starts_of(model)},
+        loss={"total": float(nanmean(np.concatenate(squares)))},
+        history=recorder.history() if len(recorder) else None,
+        iterations=max(0, len(recorder) - 1),
+        findings=findings,
     )
 
 
-METHOD = direct(
-    KEY, "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4, version=2,
-    is_closed_loop=True, takes_windows=True,
+def _driven(segment: Segment, model: FollowingModel, parameters: Parameters) -> Trajectories:
+    """The motion of each follower (M,) behind the measured vehicle ahead; nan of unknown ones."""
+    gaps, speeds = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
+    theta = np.array([value_of(model.key, parameters, name) for name in model.names])
+    for k in range(segment.followers):
+        if not np.isfinite(theta[:, k]).all():
+            speeds[:, k + 1] = np.nan
+            continue
+        pair = segment.pair(k)
+        start = pair.speeds[0, 1:], pair.gaps[0]
+        motion = model.simulate(theta[:, k], segment.time, pair.speeds[:, 0], *start)
+        gaps[:, k], speeds[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
+    return Trajectories(segment.time, speeds, gaps)
+
+
+METHOD = Method(
+    KEY, "Simulation", fit, typical_seconds=1.4, version=3, is_closed_loop=True,
+    models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
+    posterior=lambda _: "simulation",
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

@@ -22,7 +22,7 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
-from accpinn.units import FloatArray, MetresPerSecond, known_mean
+from accpinn.units import FloatArray, MetresPerSecond, nanmean
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
 LEADER, LEADER_TYPE, LEADER_SPEED = "ID_LV", "Type_LV", "Speed_LV"
@@ -197,7 +197,7 @@ def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | Non
 
 def _difference(first: FloatArray, second: FloatArray) -> float:
     """Root mean square of the difference where both are known; nan where nowhere."""
-    return float(np.sqrt(known_mean((first - second) ** 2)))
+    return float(np.sqrt(nanmean((first - second) ** 2)))
 
 
 def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -> Recording:

@@ -72,7 +72,7 @@ from accpinn.units import (
     Seconds,
     frozen,
     known_deviation,
-    known_mean,
+    nanmean,
 )
 
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
@@ -160,12 +160,12 @@ def assess_quality(segment: Segment) -> Quality:
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
     parts = regressors(segment.speeds, segment.gaps)
     figures = Quality(
-        mean_time_gap=tuple(known_mean(segment.time_gaps).tolist()),
+        mean_time_gap=tuple(nanmean(segment.time_gaps).tolist()),
         leader_deviation=float(known_deviation(speeds[:, 0])),
         relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
         acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
         condition=tuple(map(_condition, parts, segment.counts.T)),
-        car_following=tuple(known_mean(np.where(unknown, np.nan, segment.car_following)).tolist()),
+        car_following=tuple(nanmean(np.where(unknown, np.nan, segment.car_following)).tolist()),
     )
     return replace(figures, findings=tuple(_findings(segment, figures)))
 
@@ -215,7 +215,7 @@ class Regimes:
         """(M, 4) share of the measured instants in each regime, 0 to 1; nan without any."""
         measured = True if self.measured is None else self.measured
         holds = [np.where(measured, self.codes == k, np.nan) for k in range(len(REGIMES))]
-        return tuple(map(tuple, known_mean(np.stack(holds, axis=-1)).tolist()))
+        return tuple(map(tuple, nanmean(np.stack(holds, axis=-1)).tolist()))
 
 
 def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:

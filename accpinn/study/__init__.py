@@ -1,8 +1,9 @@
-"""What is asked: an `Analysis` names data, model, method and settings; its key names the answer.
+"""What is asked: an `Analysis` names data, model, method and settings; its key names the result.
 
-An analysis is a few lines of JSON. Two analyses with equal keys have equal answers: the key is the
-SHA-256 of the data read from the recording, the vehicles, the windows, the Case, the excluded
-regimes, the model, the method with its version, and the settings. A renamed file keeps its key.
+An analysis is a few lines of JSON. Two with equal keys have equal estimates: the key is the SHA-256
+of the data read from the recording, the vehicles, the windows, the Case, the excluded
+regimes, the model with what is fixed, the method with its version, and the settings. A renamed file
+keeps its key.
 """
 
 import json
@@ -14,18 +15,17 @@ from numbers import Integral, Real
 from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods.registry import METHODS, method_of, segment_for
+from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, Fixed, following_model
-from accpinn.model.spec import ModelSpec
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
 from accpinn.units import Seconds
 
-FORMAT = 9
-"""Raised whenever equal analyses would have other answers for a reason that no method's version
+FORMAT = 10
+"""Raised whenever equal analyses would have other results for a reason that no method's version
 tells, as a change in how windows are cut."""
 
 
@@ -61,12 +61,8 @@ class Analysis:
     case: Case = "II"
     excluded: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation."""
-    model: str = BEST
-    """The model of the answer."""
-    held: Fixed = ()
-    """Terms of that model that keep their values, by name."""
-    fitted: str = ""
-    """The model of the fit, if one is asked for; else it is the method's usual one."""
+    spec: ModelSpec = PAPER_SPEC
+    """The model whose parameters are estimated, and what is fixed of it."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""
     settings: dict[str, Any] = field(default_factory=dict)
@@ -82,8 +78,8 @@ class Analysis:
         case: Case = "II",
         excluded: str | Sequence[str] = (),
         model: str | None = None,
-        held: Mapping[str, float] | None = None,
-        method: str = "pinn",
+        fixed: Mapping[str, float] | None = None,
+        method: str | None = None,
         settings: Any = None,
     ) -> Self:
         """The analysis of a recording, checked as far as that takes no data.
@@ -95,16 +91,20 @@ class Analysis:
                 of vehicles with data from the first one on.
             case: "I" for one parameter set, "II" for one per follower.
             excluded: regimes, as `parse_regimes` takes them.
-            model: key of the model of answer and fit; by default `BEST` for the answer, and for
-                the fit where the method estimates it.
-            held: terms of it that keep their values, as {"s0": 4.0}.
-            method: key of a method.
+            model: key of the model; by default the method's usual one.
+            fixed: parameters of it that keep their values, as {"s0": 4.0}.
+            method: key of a method; by default the recommended one of the model.
             settings: an object of the method's own type, or its JSON; None for the defaults.
 
         Raises:
             AccpinnError: one sentence that names what is not allowed, and what is.
         """
+        method = method_of(method or recommended_method(model)).key
         chosen = _settings(method, settings)
+        kind = METHODS[method].settings
+        config = kind.from_json(chosen) if kind else None
+        spec = ModelSpec.of(model or METHODS[method].usual_spec(config).model, fixed)
+        METHODS[method].check(spec, config)
         if case not in ("I", "II"):
             raise ConfigError(f"case: {case} is not known; choose I or II.")
         named = parse_regimes(excluded) if excluded else ()
@@ -114,16 +114,22 @@ class Analysis:
             tuple(windows) or (Window(0.0, DURATION),),
             case,
             tuple(regime for regime in EXCLUDABLE if regime in named),
-            following_model(model or BEST).key,
-            ModelSpec.of(model or BEST, held).fixed,
-            model or "",
-            method=method,
-            settings=chosen,
+            spec,
+            method,
+            chosen,
         )
 
     def with_method(self, method: str, settings: Any = None) -> Self:
-        """The same question to another method, by default with its default settings."""
-        return replace(self, method=method, settings=_settings(method, settings))
+        """The same question to another method, by default with its default settings.
+
+        A method's usual model becomes the usual one of the other, as does one that it cannot
+        estimate.
+        """
+        asked = replace(self, method=method, settings=_settings(method, settings))
+        usual, *others = METHODS[method].models(asked.settings)
+        own = METHODS[self.method].models(self.settings)[0]
+        keeps = self.spec.model in others and self.spec != ModelSpec(own)
+        return asked if keeps else replace(asked, spec=ModelSpec(usual))
 
     @property
     def window(self) -> Window:
@@ -131,23 +137,13 @@ class Analysis:
         return self.windows[0]
 
     @property
-    def spec(self) -> ModelSpec:
-        """The model that the method estimates, with what is held of it.
-
-        It is the method's usual one where the method cannot estimate the one that is asked for.
-        """
-        usual, *others = METHODS[self.method].models(self.settings)
-        model = self.fitted if self.fitted in others else usual
-        return ModelSpec(model, self.held if model == self.model else ())
+    def has_posterior(self) -> bool:
+        """Whether the estimate has intervals."""
+        return METHODS[self.method].posterior(self.settings) is not None
 
     @cached_property
     def key(self) -> str:
-        """The content address of all that is found, 64 hexadecimal digits."""
-        return self._address(self.settings, model=self.model, answer_held=self.held)
-
-    @cached_property
-    def fit_key(self) -> str:
-        """The content address of the fit alone, which does not depend on the answer's model."""
+        """The content address of the result, 64 hexadecimal digits."""
         return self._address(self.settings)
 
     @cached_property
@@ -160,7 +156,7 @@ class Analysis:
         shared = resumable(self.settings) if resumable else None
         return self._address(shared) if shared is not None else ""
 
-    def _address(self, settings: dict[str, Any], **answer: Any) -> str:
+    def _address(self, settings: dict[str, Any]) -> str:
         asked = {
             "format": FORMAT,
             "data": self.source.data,
@@ -168,12 +164,11 @@ class Analysis:
             "windows": [(float(window.start), float(window.end)) for window in self.windows],
             "case": self.case,
             "excluded": self.excluded,
-            "fitted": self.spec.model,
-            "held": self.spec.fixed,
+            "model": self.spec.model,
+            "fixed": self.spec.fixed,
             "method": self.method,
             "version": METHODS[self.method].version,
             "settings": settings,
-            **answer,
         }
         return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
@@ -198,9 +193,8 @@ class Analysis:
         return tuple(self._segment(recording, window) for window in self.windows)
 
     def _segment(self, recording: Recording, window: Window) -> Segment:
-        segment = segment_for(
-            [self.method], recording, window.start, window.duration, self.vehicles
-        )
+        variants = [(self.method, self.settings)]
+        segment = segment_for(variants, recording, window.start, window.duration, self.vehicles)
         if not self.excluded:
             return segment
         return exclude_regimes(segment, label_regimes(segment, recording), self.excluded)
@@ -226,8 +220,7 @@ def _asked(analysis: Analysis) -> dict[str, Any]:
         "vehicles": ", ".join(map(str, analysis.vehicles)),
         "excluded": ", ".join(analysis.excluded) or "nothing",
         "case": analysis.case,
-        "model": " ".join([analysis.model, *(f"{name}={v:g}" for name, v in analysis.held)]),
-        "model of the fit": analysis.spec.model,
+        "model": analysis.spec.in_words,
         "method": analysis.method,
     }
 
@@ -249,7 +242,7 @@ def _settings(method: str, given: Any) -> dict[str, Any]:
     if kind is None:
         return {}
     if given is None or isinstance(given, dict):
-        given = kind.from_json(kind().to_json() | (given or {}))
+        given = kind.from_json(kind.default().to_json() | (given or {}))
     return dict(given.to_json())
 
 

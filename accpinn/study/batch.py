@@ -21,10 +21,15 @@ from typing import Any
 from accpinn.errors import AccpinnError, ConfigError, RecordingError, SegmentError
 from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import TaskContext, relative_size
-from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS, method_of
+from accpinn.methods.registry import (
+    COMPARED,
+    METHODS,
+    known_variant,
+    recommended_method,
+    variant_of,
+)
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, PAPER, following_model
+from accpinn.model.registry import BEST, following_model
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.files import opened, read_all
@@ -36,6 +41,7 @@ from accpinn.storage import reported
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
 from accpinn.study.plan import LEAST, Sources, files_of, left_out, plan
+from accpinn.study.result import result_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import (
@@ -98,7 +104,7 @@ def batch(
     study: str | os.PathLike[str],
     *,
     window: Seconds = DURATION,
-    methods: Sequence[str] = tuple(METHODS),
+    methods: Sequence[str] = COMPARED,
     case: Case = "II",
     model: str = BEST,
     workers: int | None = None,
@@ -113,9 +119,9 @@ def batch(
         sources: files and folders; of a folder all CSV files in it and below.
         study: the folder of the results; one that exists is continued.
         window: longest window, in s; infinite for whole stretches.
-        methods: keys of `METHODS`.
+        methods: names in `VARIANTS`; one that cannot estimate the model estimates its usual one.
         case: "I" or "II".
-        model: of the answers; a key of `accpinn.model.registry`.
+        model: that is estimated; a key of `accpinn.model.registry`.
         workers: processes on this machine; by default one for each processor.
         scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
         mapping: of tables that are neither OpenACC runs nor tables of pairs.
@@ -127,8 +133,6 @@ def batch(
         RecordingError: when a source does not exist, the study cannot be written, or the scheduler
             cannot be reached.
     """
-    for key in methods:
-        method_of(key)
     if case not in ("I", "II"):
         raise ConfigError(f"case: {case} is not known; choose I or II.")
     if not window >= MINIMUM_DURATION:
@@ -142,7 +146,7 @@ def batch(
     listed = [sources] if isinstance(sources, str | os.PathLike) else sources
     request = Request(
         sources=tuple(map(os.path.abspath, listed)),
-        methods=tuple(dict.fromkeys(methods)),
+        methods=tuple(dict.fromkeys(map(known_variant, methods))),
         window=window if math.isfinite(window) else None,
         case=case,
         model=following_model(model).key,
@@ -193,10 +197,14 @@ def answer_all(job: WindowJob) -> list[Computed]:
 
 def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
     try:
-        result = estimate(analysis, (segment,), context=TaskContext(threads=1))
-        posterior = window_posterior(segment, analysis.case, ModelSpec(analysis.model))
-        rows = rows_of(result, posterior, job.recording, job.mode_sources)
-        return Computed(analysis, rows, posterior.likely)
+        found = estimate(analysis, (segment,), context=TaskContext(threads=1))
+        result = result_of(analysis, (segment,), found)
+        rows = rows_of(result, job.recording, job.mode_sources)
+        kind = METHODS[analysis.method].posterior(analysis.settings)
+        if kind is None:
+            return Computed(analysis, rows)
+        own = window_posterior(segment, analysis.case, analysis.spec, kind)
+        return Computed(analysis, rows, own.likely)
     except AccpinnError as fault:
         return Computed(analysis, reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
@@ -219,9 +227,8 @@ def cut_windows(
         yield SegmentError(NOTHING)
     for place in planned:
         analysis = Analysis(
-            source, place.vehicles, (place.window,), request.case,
-            model=request.model, fitted=PAPER, method=KEY,
-        )  # fmt: skip
+            source, place.vehicles, (place.window,), request.case, spec=ModelSpec(request.model)
+        ).with_method(recommended_method(request.model))
         try:
             (segment,) = analysis.segments(recording)
         except AccpinnError as fault:
@@ -349,7 +356,8 @@ class _Batch:
             (window,) = job.analyses
             missing = [method for method, number in numbers.items() if number is None]
             if missing:
-                left.append(replace(job, analyses=tuple(map(window.with_method, missing))))
+                asked = tuple(window.with_method(*variant_of(name)) for name in missing)
+                left.append(replace(job, analyses=asked))
         return left
 
     def _read(self, file: Path, mapping: CsvMapping | None) -> tuple[KnownFile, list[WindowJob]]:
@@ -370,7 +378,10 @@ class _Batch:
     def _rows(self, known: KnownFile) -> list[dict[str, int | None]]:
         """For each window of a file its number of rows by method, as `Study.rows_of` gives it."""
         of, methods = self._study.rows_of, self._request.methods
-        return [{key: of(window.with_method(key)) for key in methods} for window in known.windows]
+        return [
+            {name: of(window.with_method(*variant_of(name))) for name in methods}
+            for window in known.windows
+        ]
 
     def _count(self, known: KnownFile, rows: list[dict[str, int | None]]) -> None:
         """Count a file's recordings and windows, and what is known of them."""

@@ -1,17 +1,11 @@
 """Results whose analyses differ in one thing: the method, the initial values, or the instants.
 
-*Comparison*: all methods on identical data, with blocks held out.
+*Comparison*: all methods on identical data, with parts of it held out.
 
 *Multistart*: the PiNN from several initial values and seeds. The paper trains one recording from
 five initial values of (α, β, τ) and prints where each ends (Table I). The preset `fast` solves for
 α, β and τ, so its initial values have no effect after the first iteration and only the seed
 matters; the preset `paper` moves them step by step, so both matter.
-
-*Sensitivity* to instants at which the model may not hold: the same methods on all instants of a
-window, and with the regimes of `segment.quality` excluded in turn. The model is meant for
-car-following alone, yet car-following is selected by the time gap, which the model is to explain;
-so neither end is the truth, and the distance between them shows how far the data and the model
-disagree.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,33 +13,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.errors import AccpinnError, SegmentError
+from accpinn.errors import AccpinnError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import STARTS, PinnConfig
-from accpinn.methods.registry import METHODS, segment_for
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import CTHPS, PAPER
+from accpinn.methods.registry import COMPARED, segment_for, variant_name, variant_of
+from accpinn.model.cthp import Parameters
+from accpinn.model.spec import PAPER_SPEC
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
-from accpinn.segment.quality import EXCLUDABLE, REGIMES, exclude_regimes, label_regimes
 from accpinn.study import Analysis
-from accpinn.study.result import Parts, Result
+from accpinn.study.result import Result, result_of
 from accpinn.study.run import estimate
 from accpinn.units import FloatArray
 
 NOTICED = 1.0
 """Spread of a parameter, in percent, above which trainings disagree."""
-COMPARED = ("least-squares", "splines")
-"""Methods whose sensitivity is computed."""
-CHOICES = {
-    "all instants": (),
-    "without catching up": ("catching up",),
-    "without standstill and manual": ("standstill", "manual"),
-    "car-following only": EXCLUDABLE,
-}
-"""The regimes excluded, by what is then left."""
 
 
 # Methods
@@ -60,42 +44,45 @@ class Refused:
 
     @property
     def method(self) -> str:
-        """Key of the method."""
-        return self.analysis.method
+        """Name of the method in `VARIANTS`."""
+        return variant_name(self.analysis.method, self.analysis.settings)
 
 
 def compare(
     analysis: Analysis,
     recording: Recording | None,
-    methods: Sequence[str] = tuple(METHODS),
+    methods: Sequence[str] = COMPARED,
     *,
     segments: tuple[Segment, ...] = (),
     context: TaskContext | None = None,
 ) -> Iterator[Result | Refused]:
     """Run methods on the same data, and yield each result once it and those before it are known.
 
-    A method that cannot serve the data is `Refused`, and the others run on.
+    A method that cannot serve the data is `Refused`, and the others run on. One that cannot
+    estimate the model estimates its usual one.
 
     Args:
-        analysis: what is asked, of its first window; its own method and settings do not count.
-        recording: that it is asked of; None where only the data of its window are at hand.
-        methods: keys of `METHODS`, with their default settings.
+        analysis: what is asked; its own method and settings do not count.
+        recording: that it is asked of; None where only the data of its windows are at hand.
+        methods: names in `VARIANTS`, with their default settings.
         segments: those data; by default they are cut from the recording.
         context: threads and stop; a method that was not finished has no result.
 
     Raises:
+        ConfigError: for an unknown method.
         SegmentError: where samples are missing that one of the methods needs.
     """
+    analyses = [analysis.with_method(*variant_of(name)) for name in methods]
     if recording and not segments:
-        window = analysis.window
-        segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
-    first = replace(analysis, windows=analysis.windows[:1])
-    analyses = [first.with_method(key) for key in methods]
+        variants = [(asked.method, asked.settings) for asked in analyses]
+        for window in analysis.windows:
+            segment_for(variants, recording, window.start, window.duration, analysis.vehicles)
     segments = segments or analyses[0].segments(recording)
     context = context or TaskContext()
     for asked in analyses:
         try:
-            result = estimate(asked, segments, recording, context=context)
+            found = estimate(asked, segments, context=context)
+            result = result_of(asked, segments, found, recording)
             if not context.is_stopped:
                 result = result.with_holdout(context)
         except AccpinnError as fault:  # the others may well serve
@@ -104,13 +91,6 @@ def compare(
         if context.is_stopped:
             return
         yield result
-
-
-def answered(row: Result, asked: Analysis, recording: Recording | None) -> Result:
-    """A compared row beside the answer of all the windows that are asked for."""
-    if row.analysis.windows == asked.windows:
-        return row
-    return replace(row, analysis=asked, parts=Parts()).on(asked.segments(recording), recording)
 
 
 # Initial values
@@ -180,8 +160,8 @@ def starts(
         seeds: by default that of the analysis alone.
     """
     config: PinnConfig = analysis.config
-    if analysis.spec.model not in CTHPS:
-        analysis = replace(analysis, fitted=PAPER)
+    if not analysis.spec.following.is_cthp:
+        analysis = replace(analysis, spec=PAPER_SPEC)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:
             yield analysis.with_method(analysis.method, replace(config, initial=initial, seed=seed))
@@ -199,46 +179,7 @@ def spread_of(results: Sequence[Result]) -> Spread:
     known = spread[np.isfinite(spread)]
     if not known.size:
         return Spread(spread, ())
-    unconverged = sum(result.fit.outcome is Outcome.FINISHED for result in results)
+    unconverged = sum(result.estimate.outcome is Outcome.FINISHED for result in results)
     every = known.size == spread.size
     found = TrainingSpread(len(results), float(known.max()), every, unconverged)
     return Spread(spread, (found,))
-
-
-# Instants
-
-
-@dataclass(frozen=True)
-class SensitivityResult:
-    """The parameters that one method finds from a part of the instants; M followers."""
-
-    choice: str
-    """Which instants, a key of `CHOICES`."""
-    share: tuple[float, ...]
-    """(M,) share of each follower's instants excluded, 0 to 1."""
-    method: str
-    parameters: Parameters | None = None
-    """(M,); None where too little is left, or samples are missing for long."""
-    fault: SegmentError | None = None
-    """Why there are none."""
-
-
-def sensitivity(
-    segment: Segment, recording: Recording | None = None, case: Case = "II"
-) -> tuple[SensitivityResult, ...]:
-    """A row for each method and choice, choices first; takes four times splines' time."""
-    plain = replace(segment, mask=None, excluded_regimes=())
-    regimes = label_regimes(plain, recording)
-    rows: list[SensitivityResult] = []
-    for choice, names in CHOICES.items():
-        codes = [REGIMES.index(name) for name in names]
-        share = tuple(sum(shares[code] for code in codes) for shares in regimes.shares)
-        for method in COMPARED:
-            row = SensitivityResult(choice, share, method)
-            try:
-                part = exclude_regimes(plain, regimes, names) if any(share) else plain
-                row = replace(row, parameters=METHODS[method].fit(part, case).parameters)
-            except SegmentError as fault:
-                row = replace(row, fault=fault)
-            rows.append(row)
-    return tuple(rows)

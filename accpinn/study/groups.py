@@ -1,12 +1,12 @@
-"""The answers of a batch by groups: typical value, spread between windows and between vehicles.
+"""The estimates of a batch by groups: typical value, spread between windows and between vehicles.
 
-Each follower of a window has a posterior under the answer's model. The windows of one vehicle
-give its answer (`inference.answer`), the same as for one recording. The vehicles of a group are
-one level up what windows are below: their typical values differ as `inference.population`
-describes, with what all cars taught as the prior; the centre is the typical value of the group.
-So the interval of a group that has few vehicles is as wide as vehicles are known to differ. All of
-it is sampled: no estimate is left out because it is zero, and no window or vehicle counts more than
-it knows.
+Each follower of a window has a posterior under the batch's model. The windows of one vehicle give
+draws of its typical value (`inference.typical`), the same as for one recording. The vehicles of a
+group are one level up what windows are below: their typical values differ as `inference.population`
+describes, with what all cars taught as the prior; the centre is the typical value of the group. So
+the interval of a group that has few vehicles is as wide as vehicles are known to differ. All of it
+is sampled: no estimate is left out because it is zero, and no window or vehicle counts more than it
+knows.
 
 The share of vehicles that are string stable is the mean of the probabilities p_v that the typical
 value of vehicle v is. For its interval, the number of stable ones among V vehicles is the sum of
@@ -14,7 +14,7 @@ independent events with these probabilities, and given that number S the share h
 Beta(S + 1/2, V - S + 1/2) (Jeffreys); the interval has the quantiles of this mixture.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -27,10 +27,10 @@ from scipy.special import betainc
 from scipy.stats import multivariate_normal
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import Span, car_of
-from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.typical import car_of
 from accpinn.inference.window_posterior import (
     DRAWS,
     STABILITY_DRAWS,
@@ -38,14 +38,15 @@ from accpinn.inference.window_posterior import (
     parameters_of,
     possible,
 )
+from accpinn.methods.estimate import Span
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
+from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
-from accpinn.units import Quantity, FloatArray, MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
 
 GROUPABLE = ("make", "model", "distance_setting", "campaign", "mode", "name", "file", "date")
 """Columns that rows may be grouped by."""
@@ -57,7 +58,7 @@ POSTERIOR = "posterior"
 FURTHEST = 100.0
 """Largest coordinate that a draw can have, as in a file that somebody has changed."""
 KEPT_CARS = 1024
-"""Vehicles whose answers are kept, so that other filters and groups take no time."""
+"""Vehicles whose draws are kept, so that other filters and groups take no time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +94,15 @@ class Group:
 
     def span(self, name: str) -> Span:
         """One parameter, by its name."""
-        return Span.of([value_of(self.model, part, name) for part in self._parts], self.level)
+        return self._span(lambda part: value_of(self.model, part, name))
 
     def gain(self, name: str) -> Span:
         """α or β; of a model that is no CTHP at the median speed of the group's vehicles."""
-        return Span.of([getattr(part, name) for part in self._parts], self.level)
+        return self._span(lambda part: getattr(part, name))
 
     def time_gap(self, speed: MetresPerSecond) -> Span:
         """The time gap in equilibrium at a speed, in s."""
-        return Span.of([time_gap(self.model, part, speed) for part in self._parts], self.level)
+        return self._span(lambda part: time_gap(self.model, part, speed))
 
     def is_driven(self, speed: MetresPerSecond) -> bool:
         """Whether its windows hold a speed; what is said of another is extrapolated."""
@@ -146,6 +147,10 @@ class Group:
         stable = [(margin(part) >= 0).mean() for part in drawn]
         return share(np.array(stable, float), self.level)
 
+    def _span(self, of: Callable[[Parameters], FloatArray]) -> Span:
+        value, typical, further = map(of, self._parts)
+        return Span.of(value, (typical, further), self.level)
+
     @cached_property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
         at = float(np.median(self.speeds)) if len(self.speeds) else AT_SPEED
@@ -158,7 +163,7 @@ class Group:
     def _spread(self, variances: FloatArray) -> dict[str, Quantity]:
         names = self.names
         deviations = WITHIN * np.sqrt(variances)
-        if self.model in CTHPS:
+        if FOLLOWING[self.model].is_cthp:
             names = ("alpha", "beta", "time_gap", *FOLLOWING[self.model].terms)
         else:
             deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
@@ -181,7 +186,7 @@ class Groups:
 def read_study(study: str | Path) -> pd.DataFrame:
     """The rows of a batch with the columns of `COLUMNS` and `POSTERIOR`, also while it runs.
 
-    What is no number is nan. ``attrs["model"]`` is the answer's model.
+    What is no number is nan. ``attrs["model"]`` is the batch's model.
 
     Raises:
         RecordingError: where there is no batch, or its file is damaged.
@@ -199,7 +204,7 @@ def read_study(study: str | Path) -> pd.DataFrame:
 
 
 def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> Groups:
-    """Group the answers of a batch.
+    """Group the estimates of a batch.
 
     Args:
         rows: as `read_study` gives them, or some of these.
@@ -266,7 +271,7 @@ def _checked(posterior: Any, model: str) -> bytes:
 
 @lru_cache(maxsize=KEPT_CARS)
 def _car(windows: tuple[bytes, ...], model: str, speed: MetresPerSecond) -> Car:
-    """The answer of one vehicle, from the draws of its windows."""
+    """The typical value of one vehicle, from the draws of its windows."""
     drawn = (np.frombuffer(raw).reshape(-1, count_of(model)) for raw in windows)
     return car_of(np.array([possible(model, phi, speed) for phi in drawn]), ModelSpec(model))
 

@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.gain_check import LEAST, compared
-from accpinn.methods.simulation import BLOCK, Drives, estimate, refuse_short
+from accpinn.methods.simulation import BLOCK, Drives, optima, refuse_short
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, following_model
@@ -35,7 +35,7 @@ from accpinn.segment.cut import cut, default_vehicles
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
-from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, known_mean
+from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, nanmean
 
 LONGEST: Seconds = 150.0
 """Longest window of car-following that is left out."""
@@ -368,13 +368,13 @@ def _scores(
     ends = np.cumsum([0, *(len(subject.windows) for subject in subjects)])
     of_subjects = [list(range(*pair)) for pair in pairwise(ends.tolist())]
     groups = [[k for k in rows if k != left_out] for rows in of_subjects for left_out in rows]
-    estimates = estimate(model, drives, groups + of_subjects, should_stop)
+    estimates = optima(model, drives, groups + of_subjects, should_stop)
     theta = np.array([part.theta for part in estimates[: len(groups)]]).T
     driven, known = drives.simulated(model, theta)[:, 0], drives.counts
     errors = np.nan_to_num(driven - drives.gaps, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST)
     errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
     fast = np.where(drives.speeds > SLOW, drives.speeds, np.nan)
-    rmse, time_gap_rmse = (np.sqrt(known_mean(e**2)) for e in (errors, errors / fast))
+    rmse, time_gap_rmse = (np.sqrt(nanmean(e**2)) for e in (errors, errors / fast))
     collided: Mask = np.asarray((known & collides(driven)).any(axis=0))
     return tuple(
         ModelScore(

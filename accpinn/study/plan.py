@@ -28,7 +28,7 @@ from accpinn.channels import GAP, SPEED
 from accpinn.errors import AccpinnError, RecordingError, SegmentError
 from accpinn.findings import Finding
 from accpinn.methods import FURTHER
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import METHODS, variant_of
 from accpinn.recordings import (
     AGREEMENT_LIMIT,
     HUMAN_FLAG,
@@ -258,7 +258,8 @@ class BatchEstimate:
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
         """How long it takes, to within a factor of two or so, with so many workers at a time."""
-        window = sum(METHODS[key].typical_seconds for key in methods) + INTERVALS_SECONDS
+        window = sum(METHODS[variant_of(name)[0]].typical_seconds for name in methods)
+        window += INTERVALS_SECONDS
         return START + WITHOUT_BLOCKS * window * self.size / workers
 
 

@@ -1,41 +1,39 @@
-"""What was found: a `Result` holds an analysis, its fit, and all that follows from both.
+"""What was found: a `Result` holds an analysis, its estimate and its data.
 
-Quality, intervals, errors and further forms of the model are computed when they are first asked
-for, and kept. A result read from a file has those that were stored with it; what else follows needs
-the data, which `with_data` brings back from the recording.
+All else follows from these three. Errors outside the windows take the recording, which `with_data`
+brings back to a result that was read from a file.
 """
 
 import os
 import platform
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib import metadata
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError
-from accpinn.evaluation import Evaluation, evaluate
-from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.evaluation import Evaluation, cross_validate, evaluate
+from accpinn.evaluation.closed_loop import ClosedLoop, closed_loop
 from accpinn.findings import Finding
-from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.identifiability import identifiability
-from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.prediction import GapBand, gap_band
+from accpinn.inference.trust import Trust, trust
+from accpinn.inference.typical import posterior_findings
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import Fit, Outcome, ParameterTrack
+from accpinn.methods.estimate import Estimate, History, Posterior
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import FOLLOWING, time_gap, value_of
-from accpinn.model.spec import ModelSpec
+from accpinn.model.registry import time_gap
 from accpinn.recordings import Facts, GapContradictsSpeeds, Recording, ValuesOutOfRange, facts_of
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
@@ -51,11 +49,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import DataTree
 
-T = TypeVar("T")
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
 NO_XARRAY = 'xarray is not installed; install it by pip install "accpinn[draws]".'
-TRACK_INSTANTS = 500
-"""Instants of a compared method's track that are kept; more are not seen in a figure."""
 
 
 @dataclass(frozen=True)
@@ -75,31 +70,22 @@ class Origin:
     cores: int
 
 
-@dataclass
-class Parts:
-    """What follows from a fit and its data, as far as it was computed."""
-
-    qualities: tuple[Quality, ...] | None = None
-    uncertainty: Uncertainty | None = None
-    evaluation: Evaluation | None = None
-    adequacy: Adequacy | None = None
-    answer: Answer | None = None
-    gain_checks: tuple[GainCheck, ...] | None = None
-    judgements: tuple[Judgement, ...] | None = None
-    """How models describe other windows of the recording; made when asked for."""
-
-
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The answer to an analysis; see `run`. A snapshot is a result in a file."""
+    """The answer to an analysis; see `run`. A snapshot is a result in a file.
+
+    What follows from analysis, estimate and data is computed when it is first asked for, and kept.
+    """
 
     analysis: Analysis
+    estimate: Estimate
+    """What the method found."""
+    segments: tuple[Segment, ...]
+    """(K,) the data of the windows; empty in a row of a list."""
     infos: tuple[SegmentInfo, ...]
     """(K,) the windows as they were cut, vehicles and origin of the data."""
     facts: Facts
-    """What the recording says of itself; empty where it is not known."""
-    fits: tuple[Fit, ...]
-    """(K,) the fit on each window; parameters are the same on all."""
+    """What the recording's file says of itself; empty where it is not known."""
     origin: Origin
     created: str
     """When it was found, or saved under a name: ISO 8601 in UTC to the second."""
@@ -107,50 +93,44 @@ class Result:
     """Given by the user; may be empty."""
     note: str = ""
     """Given by the user; may be empty and may have several lines."""
-    parts: Parts = field(default_factory=Parts)
+    blocks: tuple[ClosedLoop, ...] = ()
+    """Parts of the data that were held out in turn; empty where none was."""
     compared: tuple["Result", ...] = ()
-    """Other methods' results on the same data, without curves."""
-    segments: tuple[Segment, ...] = ()
-    """(K,) the data; empty where they are not at hand."""
+    """Other methods' results on the same data."""
+    judgements: tuple[Judgement, ...] = ()
+    """How models describe other windows of the recording; made when asked for."""
     recording: Recording | None = None
-    """Where the data were cut from; never in a file."""
+    """Where the data were cut from, where it is at hand; never in a file."""
     digest: str = ""
     """SHA-256 of the file that it was read from, or was made into; empty before that."""
 
     def __repr__(self) -> str:
         """Method, file and windows."""
         windows = str(self.info.window) if len(self.infos) == 1 else f"{len(self.infos)} windows"
-        return f"<Result: {self.fit.method} on {self.info.source}, {windows}>"
+        return f"<Result: {self.estimate.method} on {self.info.source}, {windows}>"
 
     def __str__(self) -> str:
-        """A line on what it is, one or two a follower, what is against it, and what to ask it."""
-        lines, known, model = [repr(self)[1:-1]], self.known_answer, self.fit.model
-        is_shared = self.info.shares(self.fit.case)
+        """A line on what it is, one a follower, what is against it, and what to ask it."""
+        found, title = self.estimate, self.estimate.following.title
+        preset = found.settings.get("preset")
+        lines = [f"{repr(self)[1:-1]}: {f'preset {preset}, ' if preset else ''}{title}"]
+        lines += [] if found.is_finished else [found.outcome.value]
+        is_shared, speed = self.info.shares(found.case), found.stated_speed
         for k, label in enumerate(("All followers",) if is_shared else self.info.labels[1:]):
-            if known:
-                gap, speed = known.time_gap(known.stated_speed, k), 3.6 * known.stated_speed
-                said = f"{gap.value:.2f} s at {speed:.0f} km/h ({100 * known.level:.0f} % interval"
-                said += f" {gap.lower:.2f}–{gap.upper:.2f}). {known.trust[k].in_words}"
-                lines.append(f"{label}: {said}")
-            names = FOLLOWING[model].names
-            values = [f"{name} {value_of(model, self.parameters, name)[k]:.4g}" for name in names]
-            lines.append(f"{label}: {', '.join(values)} by {self.fit.method}")
-        findings = [found for info in self.infos for found in info.findings]
-        kinds = GapContradictsSpeeds | ValuesOutOfRange | DrivenByHand
-        unsound = [found for found in findings if isinstance(found, kinds)]
-        against = (*unsound, *(known.findings if known else ()))
-        lines += dict.fromkeys(finding.sentence(self.info) for finding in against)
-        return "\n".join([*lines, "More: .answer, .parameters, .uncertainty, .stability, .draws"])
+            gap = found.time_gap(speed, k)
+            ends = f" ({100 * found.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})" if (
+                found.level
+            ) else ""  # fmt: skip
+            values = [f"{n} {found.values(found.parameters, n)[k]:.4g}" for n in found.names]
+            said = f"{gap.value:.2f} s at {3.6 * speed:.0f} km/h{ends}; {', '.join(values)}"
+            lines.append(f"{label}: {said}. {self.trust[k].in_words}")
+        lines += dict.fromkeys(finding.sentence(self.info) for finding in self.warnings)
+        return "\n".join([*lines, "More: .parameters, .posterior, .stability, .evaluation"])
 
     @property
     def id(self) -> str:
         """Short name of its file: the first 16 hexadecimal digits of the digest."""
         return self.digest[:16]
-
-    @property
-    def fit(self) -> Fit:
-        """The fit on the window; on the first one of several."""
-        return self.fits[0]
 
     @property
     def info(self) -> SegmentInfo:
@@ -164,62 +144,95 @@ class Result:
 
     @property
     def parameters(self) -> Parameters:
-        """α [1/s²], β [1/s], τ [s]: one entry a follower."""
-        return self.fit.parameters
+        """(M,) the estimate: one entry a follower."""
+        return self.estimate.parameters
 
     @property
+    def posterior(self) -> Posterior | None:
+        """What is known beside the estimate; None for a point."""
+        return self.estimate.posterior
+
+    @property
+    def curves(self) -> tuple[Trajectories, ...]:
+        """(K,) the method's own curves in each window; empty for a method without."""
+        return self.estimate.curves
+
+    @property
+    def history(self) -> History | None:
+        """The course of the estimation; None for a method without iterations."""
+        return self.estimate.history
+
+    @cached_property
     def qualities(self) -> tuple[Quality, ...]:
         """(K,) how well the data of each window determine the parameters."""
-        return self._part("qualities", lambda: tuple(map(assess_quality, self._every_window)))
+        return tuple(map(assess_quality, self.segments))
 
     @property
     def quality(self) -> Quality:
         """That of the window, or of the first of several."""
         return self.qualities[0]
 
-    @property
+    @cached_property
     def mean_time_gaps(self) -> FloatArray:
         """(M,) mean of p/v of each follower in motion, in s; of several windows by samples."""
         gaps = [quality.mean_time_gap for quality in self.qualities]
         samples = [info.samples for info in self.infos]
         return np.asarray(np.average(gaps, axis=0, weights=samples))
 
+    @cached_property
+    def uncertainty(self) -> Uncertainty | None:
+        """Intervals, probabilities and bands that follow from the posterior; None for a point."""
+        known = self.posterior
+        return from_draws(self.parameters, known.typical, known.level) if known else None
+
+    @cached_property
+    def trust(self) -> tuple[Trust, ...]:
+        """What the windows say of each follower's estimate; one where all followers share it."""
+        found, followers = self.estimate, range(self.info.followers)
+        is_shared = self.info.shares(found.case)
+        rows = [tuple(followers)] if is_shared else [(k,) for k in followers]
+        numbers = (0,) if is_shared else self.info.vehicles[1:]
+        own = found.windows
+        return tuple(
+            trust(
+                self.segments,
+                number,
+                row,
+                found.model,
+                found.parameters[row[0]],
+                None if own is None else own[:, row[0]],
+                found.stated_speed,
+            )
+            for number, row in zip(numbers, rows, strict=True)
+        )
+
     @property
-    def uncertainty(self) -> Uncertainty:
-        """Intervals of the fit's parameters, and of what follows from them, if its model holds."""
-        held = self.analysis.spec.fixed
-        return self._part("uncertainty", lambda: intervals(self._every_window, self.fit, held=held))
+    def findings(self) -> tuple[Finding, ...]:
+        """What the estimate and its posterior should be read with."""
+        return (
+            *self.estimate.findings,
+            *posterior_findings(self.estimate, self.info.vehicles),
+        )
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What the data have against any estimate from them, and what `findings` says."""
+        of_data = [found for info in self.infos for found in info.findings]
+        kinds = GapContradictsSpeeds | ValuesOutOfRange | DrivenByHand
+        return (*(found for found in of_data if isinstance(found, kinds)), *self.findings)
 
     @property
     def weaknesses(self) -> tuple[Finding, ...]:
         """Which parameters the data determine only weakly, and what would narrow intervals."""
-        about = (self.info, self.quality, self.uncertainty, self.fit.case)
+        if self.uncertainty is None:
+            return ()
+        about = (self.info, self.quality, self.uncertainty, self.estimate.case)
         return identifiability(*about, self.facts.get("duration"))
 
-    @property
-    def answer(self) -> Answer:
-        """One complete parameter set a follower, the same whatever the method.
-
-        It takes about half a second for each follower and five minutes.
-        """
-
-        def compute() -> Answer:
-            asked = self.analysis
-            return answer(self._every_window, asked.case, asked.model, dict(asked.held))
-
-        return self._part("answer", compute)
-
-    @property
-    def known_answer(self) -> Answer | None:
-        """The answer where it is stored or the data are at hand; None elsewhere."""
-        return self.answer if self.parts.answer or self.segments else None
-
-    @property
+    @cached_property
     def gain_checks(self) -> tuple[GainCheck, ...]:
-        """The answer's |H| held against the measured gain; empty where neither is at hand."""
-        if self.parts.gain_checks is None and not self.segments:
-            return ()
-        return self._part("gain_checks", lambda: gain_checks(self.segments, self.answer))
+        """The estimate's |H| beside the measured gain; empty for a point."""
+        return gain_checks(self.segments, self.uncertainty) if self.uncertainty else ()
 
     @cached_property
     def measured_gains(self) -> tuple[MeasuredGain | None, ...]:
@@ -227,7 +240,7 @@ class Result:
 
         def measured(follower: int) -> MeasuredGain | None:
             try:
-                return measured_gain(self._every_window, follower)
+                return measured_gain(self.segments, follower)
             except SegmentError:
                 return None
 
@@ -242,12 +255,12 @@ class Result:
         """
         from pandas import DataFrame, concat  # takes a third of a second, which few need
 
-        answer = self.answer
-        kinds = {"typical": answer.typical, "further window": answer.further}
+        found, known = self.estimate, self._known_posterior
+        kinds = {"typical": known.typical, "further window": known.further}
         frames = [
             DataFrame(
                 {"kind": kind, "vehicle": vehicle, "name": name, "draw": range(len(sets.alpha))}
-                | {parameter: answer.values(sets, parameter)[:, k] for parameter in answer.names}
+                | {parameter: found.values(sets, parameter)[:, k] for parameter in found.names}
             )
             for kind, sets in kinds.items()
             for k, (vehicle, name) in enumerate(
@@ -255,6 +268,15 @@ class Result:
             )
         ]
         return concat(frames, ignore_index=True)
+
+    @property
+    def _known_posterior(self) -> Posterior:
+        if self.posterior is None:
+            raise ConfigError(
+                f"posterior: the method {self.estimate.method} has none; choose the PiNN's preset"
+                " calibrated, or simulation."
+            )
+        return self.posterior
 
     def to_datatree(self) -> "DataTree":
         """The answer's posterior draws for xarray and ArviZ, which are to be installed.
@@ -272,35 +294,35 @@ class Result:
         except ImportError:
             raise ConfigError(NO_XARRAY) from None
 
-        answer, asked = self.answer, self.analysis
+        found, known, asked = self.estimate, self._known_posterior, self.analysis
         names = {"vehicle_name": ("vehicle", list(self.info.names[1:]))}
         along = {"chain": [0], "vehicle": list(self.info.vehicles[1:]), **names}
-        units = {p.name: p.unit for p in FOLLOWING[answer.model].parameters}
+        units = {p.name: p.unit for p in found.following.parameters}
 
         def dataset(sets: Parameters, **windows: Any) -> Any:
             """Sets (draw, .., vehicle) by their names."""
-            values = {name: (answer.values(sets, name), units[name]) for name in answer.names}
-            values["time_gap_100_kmh"] = (time_gap(answer.model, sets, AT_SPEED), "s")
+            values = {name: (found.values(sets, name), units[name]) for name in found.names}
+            values["time_gap_100_kmh"] = (time_gap(found.model, sets, AT_SPEED), "s")
             dims = ("chain", "draw", *windows, "vehicle")
             variables = {
                 name: (dims, drawn[None], {"units": unit}) for name, (drawn, unit) in values.items()
             }
             return xarray.Dataset(variables, along | windows)
 
-        groups = {"posterior": dataset(answer.typical), "further_window": dataset(answer.further)}
-        if self.segments:
-            spec = ModelSpec(answer.model, asked.held)
-            windows = [window_posterior(segment, asked.case, spec) for segment in self.segments]
-            starts = [segment.window.start for segment in self.segments]
-            drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
-            sets = parameters_of(answer.model, np.moveaxis(drawn, 2, 0), answer.speeds)
-            groups["window_posterior"] = dataset(sets, window=starts)
-            log = np.moveaxis(np.array([window.log_likelihood for window in windows]), 2, 0)[None]
-            likelihood = {"speeds_and_gaps": (("chain", "draw", "window", "vehicle"), log)}
-            groups["window_log_likelihood"] = xarray.Dataset(likelihood, along | {"window": starts})
+        kind = METHODS[asked.method].posterior(asked.settings)
+        assert kind is not None  # as there is a posterior
+        groups = {"posterior": dataset(known.typical), "further_window": dataset(known.further)}
+        windows = [window_posterior(s, asked.case, asked.spec, kind) for s in self.segments]
+        starts = [segment.window.start for segment in self.segments]
+        drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
+        sets = parameters_of(found.model, np.moveaxis(drawn, 2, 0), found.speeds)
+        groups["window_posterior"] = dataset(sets, window=starts)
+        log = np.moveaxis(np.array([window.log_likelihood for window in windows]), 2, 0)[None]
+        likelihood = {"speeds_and_gaps": (("chain", "draw", "window", "vehicle"), log)}
+        groups["window_log_likelihood"] = xarray.Dataset(likelihood, along | {"window": starts})
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs = {
-            "model": answer.model,
+            "model": found.model,
             "case": asked.case,
             "source": self.info.source,
             "sha256": self.info.sha256,
@@ -312,18 +334,15 @@ class Result:
         """The tree of `to_datatree` as a file in netCDF-4; see there."""
         return bytes(self.to_datatree().to_netcdf(engine="h5netcdf"))
 
-    @property
+    @cached_property
     def evaluation(self) -> Evaluation:
-        """Surrogate and closed-loop errors, on all windows together and outside of them."""
-        return self._part(
-            "evaluation",
-            lambda: evaluate(self._every_window, self.fits, recording=self.recording),
-        )
+        """Errors of curves and of the closed-loop simulation, in the windows and outside."""
+        return evaluate(self.segments, self.estimate, self.recording, self.blocks)
 
-    @property
+    @cached_property
     def adequacy(self) -> Adequacy:
         """The CTHP beside further forms of the model, which takes about a second a follower."""
-        return self._part("adequacy", lambda: model_forms(self._every_window[0], self.fit.case))
+        return model_forms(self.segments[0], self.estimate.case)
 
     @cached_property
     def stability(self) -> StabilityReport | None:
@@ -337,16 +356,16 @@ class Result:
             return None
 
     @cached_property
-    def simulated(self) -> Trajectories | None:
-        """The closed-loop simulation on the window; None where the data are not at hand."""
-        return closed_loop(self.segment, self.fit) if self.segment else None
+    def simulated(self) -> tuple[Trajectories | None, ...]:
+        """(K,) the closed-loop simulation of each window; None where it cannot be simulated."""
+        return tuple(closed_loop(segment, self.estimate) for segment in self.segments)
 
-    @property
+    @cached_property
     def gap_band(self) -> GapBand | None:
-        """The space-gaps that the posterior predicts; None without data or intervals."""
-        if self.segment is None or not self.is_finished:
+        """The space-gaps that the posterior predicts in the first window; None for a point."""
+        if self.uncertainty is None:
             return None
-        return gap_band(self.segment, self.uncertainty, self.fit.case, self.analysis.spec)
+        return gap_band(self.segments[0], self.estimate, self.uncertainty)
 
     def transfer_function(self) -> tuple["TransferFunction", ...]:
         """From the speed ahead to the own speed, one python-control object a follower.
@@ -359,22 +378,20 @@ class Result:
     @property
     def is_finished(self) -> bool:
         """Whether the estimation came to its end: neither stopped nor diverged."""
-        return self.fit.outcome not in (Outcome.STOPPED, Outcome.DIVERGED)
+        return self.estimate.is_finished
 
     def with_holdout(self, context: TaskContext | None = None) -> Self:
-        """The same, with errors on blocks of the window that the method did not see."""
-        config = self.analysis.config
+        """The same, with errors on parts of the data that the method did not see."""
+        asked = self.analysis
+        method, config = METHODS[asked.method], asked.config
 
-        def estimate(segment: Segment) -> Fit:
-            method = METHODS[self.analysis.method]
-            asked = self.analysis
-            return method.fit(segment, asked.case, config, context, asked.spec)
+        def estimated(segments: tuple[Segment, ...]) -> Estimate:
+            return method.fit(segments, asked.case, config, context, asked.spec)
 
-        evaluation = evaluate(self._every_window, self.fits, estimate, self.recording)
-        return replace(self, parts=replace(self.parts, evaluation=evaluation))
+        return replace(self, blocks=cross_validate(self.segments, estimated))
 
     def with_data(self, recording: Recording) -> Self:
-        """The same, with the data cut anew from the recording.
+        """The same with the recording at hand, from which its data were cut.
 
         Raises:
             SegmentError: where it is another recording, or what is cut from it differs.
@@ -400,64 +417,26 @@ class Result:
         infos = tuple(segment.info for segment in segments)
         return replace(self, infos=infos, segments=segments, recording=recording)
 
-    def under(self, analysis: Analysis) -> Self:
-        """The same fit for an analysis that may ask for another model of the answer."""
-        parts, asked = self.parts, self.analysis
-        if (analysis.model, analysis.held) != (asked.model, asked.held):
-            parts = replace(parts, answer=None, gain_checks=None)
-        return replace(self, analysis=analysis, parts=parts)
-
     def found_in(self, recording: Recording | None) -> Self:
-        """The same with the recording's data, where it is this one; else as it is."""
+        """The same with the recording at hand, where it is this one; else as it is."""
         try:
             return self.with_data(recording) if recording else self
         except AccpinnError:
             return self
 
-    def without_data(self) -> Self:
-        """The same without the data, every part but the forms of the model computed before."""
-        names = ("qualities", "uncertainty", "evaluation", "answer", "gain_checks")
-        parts = replace(self.parts, **{name: getattr(self, name) for name in names})
-        return replace(self, parts=parts, segments=(), recording=None)
-
-    def as_row(self) -> Self:
-        """The same as a row of a list: without data, curves and weights, its track thinned."""
-        fit, track = self.fit, self.fit.track
-        if track and len(track.time) > TRACK_INSTANTS:
-            kept = np.linspace(0, len(track.time) - 1, TRACK_INSTANTS).round().astype(int)
-            deviation = None if track.deviation is None else track.deviation[kept]
-            track = ParameterTrack(track.time[kept], track.parameters[kept], deviation)
-        fit = replace(fit, surrogate=None, history=None, arrays={}, track=track)
-        return replace(self, fits=(fit,), compared=(), segments=(), recording=None)
-
-    def _part(self, name: str, compute: Callable[[], T]) -> T:
-        known: T | None = getattr(self.parts, name)
-        if known is None:
-            known = compute()
-            setattr(self.parts, name, known)
-        return known
-
-    @property
-    def _every_window(self) -> tuple[Segment, ...]:
-        if not self.segments:
-            raise SegmentError(
-                f"{self.info.source}: the data are not at hand; open the recording first."
-            )
-        return self.segments
-
 
 def result_of(
     analysis: Analysis,
     segments: tuple[Segment, ...],
-    fits: tuple[Fit, ...],
+    estimate: Estimate,
     recording: Recording | None = None,
 ) -> Result:
-    """The result of fits that exist already, one for each of the windows' segments (K,)."""
+    """The result of an estimate that exists already, of the windows' segments (K,)."""
     return Result(
         analysis=analysis,
         infos=tuple(segment.info for segment in segments),
         facts=facts_of(recording),
-        fits=fits,
+        estimate=estimate,
         origin=origin(),
         created=now(),
         segments=segments,

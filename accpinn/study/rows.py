@@ -1,4 +1,4 @@
-"""One row a (recording, window, follower, method): its columns, and how a fit becomes rows."""
+"""One row a (recording, window, follower, method): its columns, and how a result becomes rows."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import by_key
+from accpinn.channels import PARAMETER_KEYS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
-from accpinn.inference.window_posterior import WindowPosterior
+from accpinn.methods.registry import variant_name
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import FOLLOWING, value_of
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings import unnamed
 from accpinn.recordings.openacc import make_and_model
 from accpinn.stability import stability_report
 from accpinn.storage import packaged_rows
 from accpinn.study.result import Result
-from accpinn.units import known_mean
+from accpinn.units import nanmean
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,19 @@ class RowColumn:
     meaning: str
 
 
-OF_ANSWER = {p.name: p.unit for model in FOLLOWING.values() for p in model.parameters}
-"""The parameters that the answer's model may have, with their units."""
+FURTHER = {
+    p.name: p.unit
+    for model in FOLLOWING.values()
+    for p in model.parameters
+    if p.name not in PARAMETER_KEYS
+}
+"""The parameters that a model may have beside α, β and τ, with their units."""
 
 
 def _columns() -> Iterator[RowColumn]:
     for cells in packaged_rows("study", "columns.csv"):
         is_template = "{name}" in cells["name"]
-        for name, unit in OF_ANSWER.items() if is_template else [("", "")]:
+        for name, unit in FURTHER.items() if is_template else [("", "")]:
             yield RowColumn(*(cell.format(name=name, unit=unit) for cell in cells.values()))
 
 
@@ -47,39 +52,31 @@ COLUMNS: tuple[RowColumn, ...] = tuple(_columns())
 
 
 def rows_of(
-    result: Result,
-    posterior: WindowPosterior,
-    recording: Mapping[str, Any],
-    mode_sources: tuple[str, ...],
+    result: Result, recording: Mapping[str, Any], mode_sources: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     """One row a follower, with the keys of `COLUMNS`; None where a value is unknown.
 
     Args:
-        result: of one window, with its data.
-        posterior: of the window under the answer's model.
+        result: of one window.
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
         mode_sources: (M,) as `plan` gives them.
     """
-    fit, uncertainty, evaluation = result.fit, result.uncertainty, result.evaluation
+    found, known, evaluation = result.estimate, result.uncertainty, result.evaluation
     (segment,) = result.segments
     collisions = collision_times(evaluation.findings, segment.vehicles)
     speeds = segment.measured_speeds[:, 1:]
-    mean_speeds = known_mean(speeds)
-    asked = result.analysis.model
-    names = FOLLOWING[asked].names
-    own = Parameters.of(posterior.estimates)
-    l2, linf = posterior.stable
+    mean_speeds = nanmean(speeds)
     shared = {
         **recording,
         "start": segment.window.start,
         "duration": segment.window.duration,
         "leader": segment.vehicles[0],
-        "method": fit.method,
-        "case": fit.case,
-        "answer_model": asked,
-        "level": uncertainty.level,
-        "outcome": fit.outcome.name.lower(),
-        "seconds": fit.seconds,
+        "method": variant_name(found.method, found.settings),
+        "case": found.case,
+        "following_model": found.model,
+        "level": found.level,
+        "outcome": found.outcome.name.lower(),
+        "seconds": found.seconds,
     }
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
@@ -91,27 +88,27 @@ def rows_of(
             "model": model,
             "mode": "ACC" if mode_sources[k] else "unknown",
             "mode_source": mode_sources[k],
-            "p_l2_stable": l2[k],
-            "p_linf_stable": linf[k],
+            "p_l2_stable": known.probability_l2[k] if known else None,
+            "p_linf_stable": known.probability_linf[k] if known else None,
             **{
-                f"answer_{name}": value_of(asked, own, name)[k] if name in names else None
-                for name in OF_ANSWER
+                name: found.values(found.parameters, name)[k] if name in found.names else None
+                for name in FURTHER
             },
             "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
-            "median_speed": posterior.speeds[k],
+            "median_speed": found.speeds[k],
             "lowest_speed": float(np.nanmin(speeds[:, k])),
             "highest_speed": float(np.nanmax(speeds[:, k])),
             "speed_deviation": float(np.nanstd(speeds[:, k])),
             "surrogate_mae": _gap_error(evaluation.surrogate, k),
             "closed_loop_mae": _gap_error(evaluation.closed_loop, k),
             "collision_time": collisions[k],
-            **_verdicts(fit.parameters[k]),
+            **_verdicts(found.parameters[k]),
         }
         for ending, values in (
-            ("", fit.parameters[k].values),
-            ("_low", uncertainty.lower[k].values),
-            ("_high", uncertainty.upper[k].values),
+            ("", found.parameters[k].values),
+            ("_low", known.lower[k].values if known else [None] * 3),
+            ("_high", known.upper[k].values if known else [None] * 3),
         ):
             row |= {f"{key}{ending}": value for key, value in by_key(values).items()}
         rows.append({column.name: _plain(row[column.name]) for column in COLUMNS})

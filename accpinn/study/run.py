@@ -1,19 +1,22 @@
-"""`run`: the only way from an `Analysis` to its `Result`."""
+"""`run`: the only way from an `Analysis` to its `Result`.
+
+The method finds the point; where its estimates have a posterior, intervals follow in a phase of
+their own. Whoever watches is given the point in between.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from itertools import combinations
+from time import perf_counter
 
-from accpinn.errors import ConfigError, SegmentError
-from accpinn.findings import joined
-from accpinn.methods import TaskContext
-from accpinn.methods.estimate import CacheProblem
-from accpinn.methods.maximum_likelihood import KEY
+from accpinn.errors import SegmentError
+from accpinn.inference.typical import with_posterior
+from accpinn.methods import Segments, TaskContext
+from accpinn.methods.estimate import CacheProblem, Estimate, History, Outcome, Progress
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, CTHPS
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import SLACK
@@ -26,11 +29,11 @@ def run(
     analysis: Analysis,
     recording: Recording | None,
     *,
-    segments: tuple[Segment, ...] = (),
+    segments: Segments = (),
     store: Store | None = None,
     context: TaskContext | None = None,
 ) -> Result:
-    """Answer an analysis: from the store where it has the answer, else by its method.
+    """Answer an analysis: from the store where it has the result, else by its method.
 
     Args:
         analysis: what is asked.
@@ -46,86 +49,97 @@ def run(
     segments = segments or analysis.segments(recording)
     known = store.find(analysis, problems.append) if store else None
     if known:
-        cached = tuple(replace(fit, cached=True) for fit in known.fits)
-        result = replace(known, fits=cached).on(segments, recording)
+        cached = replace(known.estimate, cached=True)
+        result = replace(known, estimate=cached).on(segments, recording)
     else:
         if store and analysis.checkpoint_key:
             checkpoints = store.checkpoints(analysis, problems.append)
             context = replace(context or TaskContext(), checkpoints=checkpoints)
-        result = estimate(analysis, segments, recording, context=context)
-        if store and result.is_finished:
+        found = estimate(analysis, segments, context=context)
+        result = result_of(analysis, segments, found, recording)
+        if store and found.is_finished:
             store.keep(result, problems.append)
     if not problems:
         return result
     told = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
-    first, *others = result.fits
-    return replace(result, fits=(replace(first, findings=(*first.findings, *told)), *others))
+    findings = (*result.estimate.findings, *told)
+    return replace(result, estimate=replace(result.estimate, findings=findings))
 
 
 def estimate(
-    analysis: Analysis,
-    segments: tuple[Segment, ...],
-    recording: Recording | None = None,
-    *,
-    context: TaskContext | None = None,
-) -> Result:
-    """The answer by the method itself, from the data of its windows (K,), cut already.
+    analysis: Analysis, segments: Segments, *, context: TaskContext | None = None
+) -> Estimate:
+    """The estimate by the method itself, from the data of its windows (K,), cut already.
 
     Raises:
         AccpinnError: as `run` does.
     """
-    method = METHODS[analysis.method]
-    if len(segments) > 1 and not method.takes_windows:
-        able = joined([key for key, method in METHODS.items() if method.takes_windows])
-        raise ConfigError(
-            f"windows: only {able} estimate from several windows, {analysis.method} does not;"
-            " choose one of them, or one window."
-        )
+    method, context = METHODS[analysis.method], context or TaskContext()
+    kind = method.posterior(analysis.settings)
     if len(segments) > 1:
-        _check_windows(segments, analysis.case)
-    fits = method.fits(segments, analysis.case, analysis.config, context, analysis.spec)
-    if len(fits) < len(segments):
-        raise ConfigError(
-            f"windows: stopped; {len(segments)} windows have no result before all are estimated."
-            " Take fewer windows, or one."
-        )
-    return result_of(analysis, segments, fits, recording)
+        _check_windows(segments, analysis.case, needs_likelihood=kind == "likelihood")
+    point = method.fit(segments, analysis.case, analysis.config, context, analysis.spec)
+    if context.on_estimate:
+        context.on_estimate(point)
+    if kind is None or not point.is_finished:
+        return point
+    started = perf_counter()
+
+    def told(done: int) -> None:
+        if context.on_progress and point.history:
+            took = perf_counter() - started
+            left = took * (len(segments) - done) / done if done else None
+            context.on_progress(
+                _moment(point, point.history, done, len(segments), point.seconds + took, left)
+            )
+
+    told(0)
+    found = with_posterior(point, segments, kind, on_window=told, should_stop=context.should_stop)
+    if found.posterior is None:
+        return replace(found, outcome=Outcome.STOPPED)
+    return replace(found, seconds=point.seconds + perf_counter() - started)
 
 
-def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | None = None) -> Result:
-    """One parameter set over windows that were cut already, also of several recordings.
+def _moment(
+    point: Estimate, history: History, done: int, windows: int, seconds: float, left: float | None
+) -> Progress:
+    """A moment of the phase in which intervals are computed, after the point."""
+    likelihood = history.log_likelihood
+    return Progress(
+        phase="intervals",
+        iteration=done,
+        iterations=windows,
+        seconds=seconds,
+        total=float(history.total[-1]),
+        data=float(history.data[-1]),
+        physics=float(history.physics[-1]),
+        initial=float(history.initial[-1]),
+        parameters=history.parameters[-1],
+        log_likelihood=0.0 if likelihood is None else float(likelihood[-1]),
+        deviations=None if history.deviations is None else history.deviations[-1],
+        left=left,
+    )
 
-    Args:
-        segments: at least two, of the same vehicles in the same order, with the same step in time.
-            The first one's numbers and names of vehicles serve for all.
-        case: "I" for one parameter set, "II" for one per follower.
-        model: a CTHP, by default "cthp-s0-delay".
 
-    Raises:
-        ConfigError: for fewer than two segments, or a model that is none.
-        SegmentError: when segments overlap or do not match, or one is too short.
+def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
+    """The question of an analysis asked of windows that were cut already, also of several runs.
+
+    The windows have the same vehicles in the same order, with the same step in time. The first
+    one's numbers and names of vehicles serve for all.
     """
-    if len(segments) < 2:
-        raise ConfigError("windows: one is no comparison; give at least two, or use fit for one.")
-    if model and model not in CTHPS:
-        raise ConfigError(f"model: {model[:40]} is not allowed; choose {', '.join(CTHPS)}.")
     first = segments[0].info
     data = sha256(" ".join(segment.info.digest for segment in segments).encode())
-    analysis = Analysis(
-        Source(first.source, first.sha256, None, data.hexdigest()),
-        first.vehicles,
-        tuple(segment.window for segment in segments),
-        case,
-        first.excluded_regimes,
-        model=model or BEST,
-        fitted=model or "",
-        method=KEY,
+    return replace(
+        asked,
+        source=Source(first.source, first.sha256, None, data.hexdigest()),
+        vehicles=first.vehicles,
+        windows=tuple(segment.window for segment in segments),
+        excluded=first.excluded_regimes,
     )
-    return estimate(analysis, tuple(segments))
 
 
-def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:
-    """Refuse segments that cannot share one likelihood.
+def _check_windows(segments: Segments, case: Case, needs_likelihood: bool) -> None:
+    """Refuse windows that cannot share their parameters.
 
     Raises:
         SegmentError: when they overlap or do not match, or one is too short.
@@ -138,6 +152,8 @@ def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:
                 f" {first.window} of {first.source} has {first.followers}; take windows of the same"
                 " vehicles."
             )
+        if not needs_likelihood:
+            continue
         steps = [stride_of(segment) * segment.sample_time for segment in (first, other)]
         if abs(steps[1] - steps[0]) > SLACK:
             raise SegmentError(
@@ -155,5 +171,5 @@ def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:
                 f"{earlier.source}: the windows {earlier.window} and {later.window} overlap, so"
                 " their data would count twice; choose disjoint ones."
             )
-    for segment in segments:
+    for segment in segments if needs_likelihood else ():
         series_of([segment], case)  # refuses one that is too short before any search begins

@@ -3,14 +3,17 @@
 A snapshot is a zip of
 
     manifest.json      format, schema, and the SHA-256 of all that follows
-    result.json        the `Result` as a tree (see `accpinn.serial`)
+    result.json        the `Result` as a tree (see `accpinn.serial`): analysis, estimate, data
     arrays.npz         its larger arrays, as plain numbers
     ATTRIBUTION.txt    whose data and whose method
 
 in SI units; times in s from the window's start, but the starts of windows and of blocks held out,
-and the times of collisions, from the recording's first sample. The digest is over contents, not
-over the zip's own bytes, so equal results have equal digests. Nothing in a file is executed;
-types, lengths and ranges are checked before anything reads it, and `verify` finds what was forged.
+and the times of collisions, from the recording's first sample. It holds the speeds and gaps of its
+windows and what cannot be derived from them; all else is computed when it is asked for.
+
+The digest is over contents, not over the zip's own bytes, so equal results have equal digests.
+Nothing in a file is executed; types, lengths and ranges are checked before anything reads it, and
+`verify` finds what was forged.
 """
 
 import hashlib
@@ -31,17 +34,12 @@ from numpy.typing import NDArray
 
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.evaluation.whiteness import Whiteness
-from accpinn.inference.answer import Answer
-from accpinn.inference.intervals import Interval, Uncertainty
-from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.estimate import Fit, History, Outcome, ParameterTrack
+from accpinn.methods.estimate import Estimate, History, Outcome, ParameterTrack, Posterior
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment import SegmentInfo
-from accpinn.segment.quality import Quality
 from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
@@ -50,10 +48,9 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 9
-LARGEST = 24_000_000
-"""Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
-stays below."""
+SCHEMA = 10
+LARGEST = 48_000_000
+"""Largest file, and largest unpacked contents, in bytes; an hour of ten followers stays below."""
 LARGEST_DOCUMENT = 2_000_000
 """Largest result.json, in bytes."""
 MOST_COMPUTED = 100_000
@@ -73,21 +70,15 @@ MARKS = {
 ATTRIBUTION_TEXT = files("accpinn.study").joinpath("attribution.txt").read_text("utf-8")
 
 
-def named(result: Result, name: str = "", note: str = "", with_data: bool = False) -> Result:
-    """The result as it goes into a file, every part computed; its data only if that is asked for.
+def prepare_snapshot(result: Result, name: str = "", note: str = "") -> Result:
+    """The result as it goes into a file, with a name and a note.
 
     Raises:
         SnapshotError: for a training that diverged, or texts that are too long.
     """
-    if result.fit.outcome is Outcome.DIVERGED:
+    if result.estimate.outcome is Outcome.DIVERGED:
         raise SnapshotError("A training that diverged has no result to keep; train again first.")
     check_texts(name, note)
-    segments = result.segments if with_data else ()
-    if result.segments:
-        compared = tuple(
-            row.without_data().as_row() if row.segments else row for row in result.compared
-        )
-        result = replace(result.without_data(), segments=segments, compared=compared)
     return replace(result, name=name, note=note, created=now(), digest="")
 
 
@@ -109,31 +100,23 @@ def check_texts(name: str, note: str) -> None:
 
 
 SHAPES: dict[type, dict[str, str]] = {
-    Fit: {"parameters": "M3", "unconstrained": "M3"},
+    Estimate: {"parameters": "M3", "windows": "WM3", "unconstrained": "M3", "speeds": "M!",
+               "driven": "2M!"},
+    Posterior: {"typical": "DM3", "further": "EM3", "windows_lower": "WM3",
+                "windows_upper": "WM3", "windows_gap": "2WM", "differ": "M", "draws": "M"},
     Trajectories: {"time": "N!", "speeds": "NV", "gaps": "NM"},  # nan: not simulated
     History: {"parameters": "KP3", "deviations": "KP3"} | dict.fromkeys(
-        ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"), "K!"),
+        ("iteration", "seconds", "total", "data", "physics", "initial", "log_likelihood"), "K"),
     ParameterTrack: {"time": "K!", "parameters": "KM3", "deviation": "KM3"},
-    Quality: dict.fromkeys(("mean_time_gap", "relative_deviation", "acceleration_deviation",
-                            "condition", "car_following"), "M"),
-    Uncertainty: {"centre": "M3", "lower": "M3", "upper": "M3", "inside": "M3", "draws": "DM3",
-                  "probability_l2": "M", "probability_linf": "M"},
-    Interval: {"lower": "M", "upper": "M"},
     TrackingErrors: {"gap_mae": "M", "speed_mae": "V"},
-    Whiteness: dict.fromkeys(
-        ("deviation", "correlation", "memory", "independent", "probability"), "M"),
-    Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",
-             "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M",
-             "driven": "2M", "windows_gap": "2KM"},
-    ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
     ModelScore: {"theta": "P!", "rmse": "K!"} | dict.fromkeys(("lower", "upper", "determined"), "P")
     | dict.fromkeys(("time_gap_rmse", "collided"), "K"),
 }  # fmt: skip
 """Lengths of arrays and tuples by type and field; a field may be None.
 
-N samples, M followers and V = M + 1 vehicles are the window's. K entries, P parameter sets and D
-draws, one at least, are the same number within one object. An exclamation mark asks for finite
-numbers.
+N samples, M followers and V = M + 1 vehicles are the window's, W the number of windows. K entries,
+P parameter sets, D and E draws, one at least, are the same number within one object. An exclamation
+mark asks for finite numbers.
 """
 
 
@@ -146,7 +129,8 @@ def to_bytes(result: Result) -> bytes:
     Raises:
         SnapshotError: for a result that is too large.
     """
-    tree, arrays = dump(replace(result, recording=None, digest=""))
+    rows = tuple(replace(row, segments=(), recording=None) for row in result.compared)
+    tree, arrays = dump(replace(result, compared=rows, recording=None, digest=""))
     document = msgspec.json.encode(tree)
     manifest = {"format": FORMAT, "schema": SCHEMA, "sha256": _digest(document, arrays)}
     packed = io.BytesIO()
@@ -166,7 +150,7 @@ def to_bytes(result: Result) -> bytes:
     if len(data) > LARGEST or len(document) > LARGEST_DOCUMENT:
         raise SnapshotError(
             f"The snapshot would be too large ({len(data) / 1e6:.0f} MB of"
-            f" {LARGEST / 1e6:.0f}); leave out the data, or take a shorter window."
+            f" {LARGEST / 1e6:.0f}); take fewer or shorter windows, or compare fewer methods."
         )
     return data
 
@@ -184,7 +168,7 @@ def save(result: Result, path: str | os.PathLike[str]) -> Path:
     """Write a snapshot in one step: whoever looks sees the old file or the new one, never a part.
 
     Args:
-        result: as `named` gives it.
+        result: as `prepare_snapshot` gives it.
         path: where to; a snapshot that stands there is replaced.
 
     Raises:
@@ -278,13 +262,8 @@ def read_file(path: Path) -> bytes:
             return file.read(LARGEST + 1)
 
 
-def read(data: bytes, is_complete: bool = True) -> Result:
+def read(data: bytes) -> Result:
     """The result in the bytes of a file.
-
-    Args:
-        data: the whole file.
-        is_complete: whether it is a snapshot, in which every part must be there; the store keeps
-            results of which only the fit is known yet, and which have no digest.
 
     Raises:
         SnapshotError: for anything but a whole and plausible file of this schema.
@@ -317,11 +296,14 @@ def read(data: bytes, is_complete: bool = True) -> Result:
         tree = sanitise(msgspec.json.decode(document))
         check_numbers(tree, arrays)
         result = restore(Result, tree, arrays)
-        _check(result, is_complete)
+        data_of = result.segments
+        rows = tuple(replace(row, segments=data_of) for row in result.compared)
+        result = replace(result, compared=rows, digest=digest)
+        _check(result)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
         said = str(sanitise(str(fault))).rstrip(".")[:160]
         raise SnapshotError(f"The snapshot is refused: {said}.") from None
-    return replace(result, digest=digest if is_complete else "")
+    return result
 
 
 def _check_schema(manifest: Any) -> None:
@@ -341,7 +323,7 @@ def _check_schema(manifest: Any) -> None:
     )
 
 
-def _check(result: Result, is_complete: bool) -> None:
+def _check(result: Result) -> None:
     """Refuse a result that no run gives, though its types are right.
 
     Raises:
@@ -349,30 +331,28 @@ def _check(result: Result, is_complete: bool) -> None:
     """
     asked = result.analysis
     _require(asked.method in METHODS, f'the method "{asked.method[:40]}" is not known')
-    for model in (asked.model, asked.fitted or asked.model, *(f.model for f in result.fits)):
-        _require(model in FOLLOWING, f'the model "{model[:40]}" is not known')
-    answer = result.parts.answer
-    _require(not answer or answer.model == result.analysis.model, "its answer is of another model")
-    counts = {len(result.analysis.windows), len(result.infos), len(result.fits)}
+    _require(asked.spec.model in FOLLOWING, f'the model "{asked.spec.model[:40]}" is not known')
+    counts = {len(asked.windows), len(result.infos), len(result.segments)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
-    _require(len(result.segments) in (0, len(result.infos)), "its data are not its windows'")
     _require(result.recording is None, "it holds a recording")
     for text, most in ((result.name, LONGEST_NAME), (result.note, LONGEST_NOTE)):
         _require(len(text) <= most, "its name or note is too long")
-    for info, fit in zip(result.infos, result.fits, strict=True):
+    for info, segment in zip(result.infos, result.segments, strict=True):
         _check_info(info)
-        _check_fit(fit, info)
-        _require(info.vehicles == result.analysis.vehicles, "its vehicles are not those asked for")
-    for info, segment in zip(result.infos, result.segments, strict=False):
+        _require(info.vehicles == asked.vehicles, "its vehicles are not those asked for")
         _check_times(segment.time)
         _require(segment.info == info, "its data are not the window that it was learned from")
         samples = info.followers * info.samples // stride_of(segment)
         _require(samples <= MOST_COMPUTED, "its data are longer than can be computed anew")
-    _check_parts(result, is_complete)
-    for part in result.compared:
-        _check(part, is_complete)
-        _require(not part.compared, "its results are nested too deep")
-        _require(part.info.vehicles == result.info.vehicles, "its results are of other vehicles")
+    _check_estimate(result.estimate, result)
+    for block in result.blocks:
+        _check_shapes(block, result.info)
+    for judged in result.judgements:
+        _check_judgement(judged, result.info)
+    for row in result.compared:
+        _require(row.infos == result.infos, "its results are of other windows")
+        _require(not row.compared, "its results are nested too deep")
+        _check(row)
 
 
 def _check_info(info: SegmentInfo) -> None:
@@ -388,37 +368,39 @@ def _check_info(info: SegmentInfo) -> None:
     _require(len(info.excluded_share) in (0, count - 1), "its shares differ in number")
 
 
-def _check_fit(fit: Fit, info: SegmentInfo) -> None:
-    _require(fit.method in METHODS, f'the method "{fit.method[:40]}" is not known')
-    _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
-    _check_shapes(fit, info)
-    _check_shape("disturbance", fit.arrays.get("disturbance"), "NM", _lengths(info))
-    values = fit.parameters.values
+def _check_estimate(estimate: Estimate, result: Result) -> None:
+    asked, info, count = result.analysis, result.info, len(result.infos)
+    same = (estimate.method, estimate.spec, estimate.case) == (asked.method, asked.spec, asked.case)
+    _require(same, "its estimate is another one than was asked for")
+    _require(min(estimate.iterations, estimate.network_weights) >= 0, "a count is negative")
+    _require(len(estimate.curves) in (0, count), "its curves differ in number")
+    _require(len(estimate.active_bounds) in (0, info.followers), "its bounds differ in number")
+    for curves, of in zip(estimate.curves, result.infos, strict=False):
+        _check_shapes(curves, of)
+        _check_times(curves.time)
+    lengths = _lengths(info) | {"W": count}
+    for part in (estimate, estimate.posterior, estimate.history, estimate.track):
+        _check_fields(part, dict(lengths))
+    width = estimate.parameters.own.shape[-1]
+    own = 0 if estimate.following.is_cthp else len(estimate.names)
+    _require(width == own, "its parameters are another model's")
+    values = estimate.parameters.values
     known = values[~np.isnan(values).all(axis=1)]  # of the others nothing is determined
     known[known[:, 0] == 0, 2] = 0.0  # τ has no effect without α
     _require(bool(((known >= 0) & (known < np.inf)).all()), "a parameter of it is out of range")
-    _require(len(fit.active_bounds) in (0, info.followers), "its bounds differ in number")
-    if fit.surrogate:
-        _check_times(fit.surrogate.time)
+    posterior = estimate.posterior
+    if posterior:
+        _require(0 < posterior.level < 1, "a level is not between 0 and 1")
+        there = ~np.isnan(estimate.parameters.alpha) & ~np.isnan(posterior.typical.alpha[0])
+        for sets in (estimate.parameters[None], posterior.typical):
+            _require(sets.own.shape[-1] == width, "its draws have other parameters")
+            if there.any():
+                checked(sets[:, there])
 
 
 def _check_times(time: NDArray[np.float64]) -> None:
     ordered = time[0] >= 0 and (np.diff(time) > 0).all()
     _require(bool(ordered), "the instants of a curve do not follow each other")
-
-
-def _check_parts(result: Result, is_complete: bool) -> None:
-    parts, info, count = result.parts, result.info, len(result.infos)
-    needed = (parts.qualities, parts.uncertainty, parts.evaluation)
-    _require(not is_complete or None not in needed, "a part of it is missing")
-    _require(parts.qualities is None or len(parts.qualities) == count, "a quality is missing")
-    _check_shapes(parts, info)
-    levels = [known.level for known in (parts.uncertainty, parts.answer) if known]
-    _require(all(0 < level < 1 for level in levels), "a level is not between 0 and 1")
-    if parts.answer:
-        _check_answer(parts.answer)
-    for judged in parts.judgements or ():
-        _check_judgement(judged, info)
 
 
 def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
@@ -433,25 +415,19 @@ def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
         _require(bool(fits), "a judgement does not fit its model or windows")
 
 
-def _check_answer(answer: Answer) -> None:
-    """Refuse parameter sets that string stability cannot be computed of."""
-    width, known = answer.parameters.own.shape[-1], ~np.isnan(answer.parameters.alpha)
-    _require(width in (0, len(answer.names)), "its answer has other parameters than its model")
-    for sets in (answer.parameters[None], answer.typical):
-        _require(sets.own.shape[-1] == width, "its answer's sets have different parameters")
-        if known.any():
-            checked(sets[:, known])
-
-
 def _check_shapes(value: Any, info: SegmentInfo) -> None:
     """Refuse arrays and tuples of other lengths than `SHAPES` has, in an object and below it."""
-    lengths = _lengths(info)
-    for name, letters in SHAPES.get(type(value), {}).items():
-        _check_shape(name, getattr(value, name), letters, lengths)
+    _check_fields(value, _lengths(info))
     if is_dataclass(value):
         value = tuple(getattr(value, field.name) for field in fields(value))
     for part in value if isinstance(value, tuple) else ():
         _check_shapes(part, info)
+
+
+def _check_fields(value: Any, lengths: dict[str, int]) -> None:
+    """The same of the fields of one object."""
+    for name, letters in SHAPES.get(type(value), {}).items():
+        _check_shape(name, getattr(value, name), letters, lengths)
 
 
 def _lengths(info: SegmentInfo) -> dict[str, int]:
@@ -465,7 +441,7 @@ def _check_shape(name: str, values: Any, letters: str, lengths: dict[str, int]) 
     shape, asked = np.shape(values), letters.rstrip("!")
     expected = tuple(map(lengths.setdefault, asked, shape))
     _require(
-        shape == expected and len(shape) == len(asked) and lengths.get("D") != 0,
+        shape == expected and len(shape) == len(asked) and 0 not in shape,
         f"its {name.replace('_', ' ')} has the shape {shape}, which does not fit the rest",
     )
     is_finite = asked == letters or np.isfinite(values).all()

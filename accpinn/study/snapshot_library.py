@@ -18,7 +18,7 @@ from accpinn.units import Seconds
 
 RESTORABLE: Seconds = 24 * 3600.0
 LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
-"""Caps on the library; a result of 300 s without its data takes well below 1 MB."""
+"""Caps on the library; a result of 300 s takes about 0.5 MB."""
 
 
 class Library(Shelf):

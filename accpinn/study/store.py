@@ -1,9 +1,9 @@
 """Results on disk: a shelf of files that can be searched, and the cache of results, which is one.
 
 A `Shelf` is a folder of files in the snapshot's format beside one SQLite file, made again from the
-files where it is missing. The `Store` keeps each result by its analysis' `fit_key`, so that another
-model of the answer does not fit again, and drops what was not used for the longest time once it
-exceeds its cap; it also holds the checkpoints of trainings, and what each session of the app shows.
+files where it is missing. The `Store` keeps each result by its analysis' key, and drops what was
+not used for the longest time once it exceeds its cap; it also holds the checkpoints of trainings,
+and what each session of the app shows.
 The library of snapshots is the other shelf (`snapshot_library.py`).
 """
 
@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import msgspec
 import numpy as np
 
 from accpinn.errors import SnapshotError
+from accpinn.inference.typical import interval_ends_of
 from accpinn.methods.estimate import Checkpoint
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, read_arrays, restore
@@ -29,7 +31,7 @@ from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SCHEMA, SUFFIX, read, read_file, to_bytes
-from accpinn.units import Quantity, MetresPerSecond, Seconds
+from accpinn.units import MetresPerSecond, Quantity, Seconds
 
 INDEX = f"index{SCHEMA}.sqlite"
 """Another index is made from the files with every schema of theirs."""
@@ -39,7 +41,7 @@ DELETED = ".deleted"
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
 CACHE_BYTES = 500_000_000
-"""Cap on the cache; a result and its checkpoint for 300 s of data take about 0.5 MB."""
+"""Cap on the cache; a result of 300 s with its data takes about 0.5 MB."""
 PATIENCE: Seconds = 10.0
 """Longest wait for another process that writes the index."""
 SESSION_KEPT: Seconds = 30 * 24 * 3600.0
@@ -82,6 +84,8 @@ class Entry:
     method: str = ""
     preset: str = ""
     """The method's preset; empty for a method without any."""
+    model: str = ""
+    """Key of the model."""
     case: str = ""
     parameters: tuple[tuple[float, float, float], ...] = ()
     """α [1/s²], β [1/s], τ [s] of each follower."""
@@ -89,21 +93,18 @@ class Entry:
     """Lower ends of their intervals; empty where these were not computed."""
     upper: tuple[tuple[float, float, float], ...] = ()
     time_gap: Quantity | None = None
-    """The answer's for the first follower, in s at ``speed``; None where there is no answer yet."""
+    """That of the first follower, in s at ``speed``; None where it has none."""
     speed: MetresPerSecond = 0.0
-    with_data: bool = False
-    """Whether speeds and gaps of the window are in it."""
     fault: str = ""
     """Why it cannot be read; empty where it can."""
 
     @classmethod
     def of(cls, name: str, result: Result) -> "Entry":
         """The entry of a result in a file of that name."""
-        info, intervals = result.info, result.parts.uncertainty
-        ends = (intervals.lower, intervals.upper) if intervals else ()
-        lower, upper = (_rows(end) for end in ends) if ends else ((), ())
-        answer = result.parts.answer
-        span = answer.time_gap(answer.stated_speed, 0) if answer else None
+        info, found = result.info, result.estimate
+        posterior = found.posterior
+        lower, upper = map(_rows, interval_ends_of(posterior)) if posterior else ((), ())
+        gap = found.time_gap(found.stated_speed, 0)
         return cls(
             id=name,
             name=result.name,
@@ -115,22 +116,22 @@ class Entry:
             window=", ".join(str(info.window) for info in result.infos),
             vehicles=info.labels,
             numbers=info.vehicles,
-            method=result.fit.method,
-            preset=str(result.fit.config.get("preset", "")),
-            case=result.fit.case,
+            method=found.method,
+            preset=str(found.settings.get("preset", "")),
+            model=found.model,
+            case=found.case,
             parameters=_rows(result.parameters),
             lower=lower,
             upper=upper,
-            time_gap=Quantity(span.value, span.lower, span.upper) if span else None,
-            speed=answer.stated_speed if answer else 0.0,
-            with_data=bool(result.segments),
+            time_gap=Quantity(gap.value, gap.lower, gap.upper) if isfinite(gap.value) else None,
+            speed=found.stated_speed,
         )
 
     @property
     def words(self) -> str:
         """All that a search looks at, in lower case."""
         parts = (self.name, self.note, self.source, self.campaign, self.window, self.method,
-                 self.preset, self.id, self.created[:10], *self.vehicles)  # fmt: skip
+                 self.preset, self.model, self.id, self.created[:10], *self.vehicles)  # fmt: skip
         return " ".join(parts).casefold()
 
 
@@ -218,7 +219,7 @@ class Shelf:
         Raises:
             SnapshotError: for an unknown name, or a file that is damaged or another's.
         """
-        return read(self.raw(name), is_complete=False)
+        return read(self.raw(name))
 
     def _files(self) -> list[Path]:
         return [
@@ -291,14 +292,11 @@ class Store(Shelf):
         super().__init__(place or folder("cache"), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
-        """What was found for an analysis, without its data; None where nothing was.
-
-        The answer is not part of it where that has another model.
-        """
-        path = self.path(analysis.fit_key)
+        """What was found for an analysis; None where nothing was."""
+        path = self.path(analysis.key)
         try:
-            result = read(path.read_bytes(), is_complete=False)
-            if result.analysis.fit_key != analysis.fit_key:
+            result = read(path.read_bytes())
+            if result.analysis.key != analysis.key:
                 raise SnapshotError("it belongs to another analysis")
         except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
             return None
@@ -307,13 +305,12 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        return result.under(analysis)
+        return replace(result, analysis=analysis)
 
     def keep(self, result: Result, say: Say | None = None) -> None:
-        """Keep a result, with the parts that were computed so far."""
-        key = result.analysis.fit_key
-        fits = tuple(replace(fit, cached=False) for fit in result.fits)
-        bare = replace(result, fits=fits, segments=(), recording=None)
+        """Keep a result."""
+        key = result.analysis.key
+        bare = replace(result, estimate=replace(result.estimate, cached=False), recording=None)
         try:
             content = to_bytes(bare)
         except SnapshotError as fault:
@@ -331,7 +328,7 @@ class Store(Shelf):
 
     def stopped_state(self, analysis: Analysis) -> Checkpoint | None:
         """The state from which a stopped training would go on; None where it is new."""
-        if not analysis.checkpoint_key or self.has(analysis.fit_key):
+        if not analysis.checkpoint_key or self.has(analysis.key):
             return None
         config = analysis.config
         return self.checkpoints(analysis).load(config.iterations + config.lbfgs_iterations)
@@ -372,12 +369,12 @@ class Store(Shelf):
             ))  # fmt: skip
 
     def record_shown(self, session: str, result: Result) -> None:
-        """Keep a result with the parts known by now, and record that a session has shown it."""
+        """Keep a result, and record that a session has shown it."""
         self.keep(result)
         with self.index() as index:
             index.execute(
                 "insert or replace into shown values (?, ?, ?)",
-                (session, result.analysis.fit_key, time.time()),
+                (session, result.analysis.key, time.time()),
             )
 
     # Files

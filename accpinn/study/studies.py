@@ -23,6 +23,7 @@ import numpy as np
 
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
+from accpinn.methods.registry import variant_name
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
@@ -34,7 +35,7 @@ from accpinn.units import FloatArray, Seconds
 FILE, RESULTS, FAILURES, SCHEMA, LOCK = (
     "study.sqlite", "results.parquet", "failures.csv", "schema.json", ".lock",
 )  # fmt: skip
-FORMAT = 5
+FORMAT = 6
 """Raised whenever an older program could not read the SQLite file, or the reverse."""
 PATIENCE: Seconds = 30.0
 """Longest wait for a reader or a writer of the SQLite file."""
@@ -65,7 +66,7 @@ class Request:
     """Longest window in s; None for whole stretches."""
     case: Case = "II"
     model: str = BEST
-    """The answer's model."""
+    """The model that methods estimate where they can."""
     workers: int | None = None
     scheduler: str | None = None
     mapping: CsvMapping | None = None
@@ -95,7 +96,7 @@ class Computed:
     rows: Sequence[dict[str, Any]] = ()
     """One a follower, with the keys of `COLUMNS`; empty where it failed."""
     posteriors: FloatArray | None = None
-    """(M, n, p) draws of each follower for the answer over several windows, whatever the method."""
+    """(M, n, p) draws of each follower, from which groups are made; None without a posterior."""
     reason: str = ""
     """Why it failed."""
     is_final: bool = True
@@ -192,7 +193,7 @@ class Study:
         _, *followers = analysis.vehicles
         alone = followers[0] if len(followers) == 1 else None
         rows = json.dumps(list(computed.rows), ensure_ascii=False, allow_nan=False)
-        reason = f"{analysis.method}: {computed.reason}" if computed.reason else None
+        reason = f"{_name(analysis)}: {computed.reason}" if computed.reason else None
         values = (*place, analysis.key, file, alone, rows, reason, computed.is_final)
         drawn = () if computed.posteriors is None else computed.posteriors.astype("<f8")
         with self._writing() as database:
@@ -279,7 +280,11 @@ def _make(path: Path) -> None:
 def _place(analysis: Analysis) -> tuple[str, Seconds, int, str]:
     """What a study has one answer for."""
     start, leader = analysis.window.start, analysis.vehicles[0]
-    return analysis.source.sha256, start, leader, analysis.method
+    return analysis.source.sha256, start, leader, _name(analysis)
+
+
+def _name(analysis: Analysis) -> str:
+    return variant_name(analysis.method, analysis.settings)
 
 
 def _document(of: object) -> str:

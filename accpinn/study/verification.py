@@ -1,18 +1,18 @@
 """What a snapshot says, held against what its analysis gives when it is run again.
 
-The analysis is run again on the snapshot's data, or on those cut anew from the recording, and each
-part of both results is compared number by number. A part is then
+The analysis is run again on the snapshot's data, and estimate, posterior and held-out errors of
+both are compared number by number; so are the methods compared with it, and with the recording the
+data themselves. All else is derived from these whenever it is asked for. A part is then
 
-    reproduced     the method was run again and gives the same
-    recomputed     it follows from the stored fit and the data, or from the fit alone
-    not checked    neither was possible; the part rests on whoever wrote the file
+    reproduced     it was computed again, and agrees or not
+    not checked    that was not possible, or would have taken too long
 
 On one machine a method gives the same to the last digit. Another processor rounds otherwise, and an
 iterative training carries that on, so there its parameters count and no more (`Method.tolerance`).
 A whole file proves nothing, as anyone can write one with a digest that fits.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -21,20 +21,19 @@ from typing import Any, Literal
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.evaluation import of_blocks
-from accpinn.inference.intervals import SLACK, agree, from_draws, with_estimates
-from accpinn.methods.estimate import Outcome
+from accpinn.inference.intervals import SLACK
+from accpinn.inference.typical import interval_ends_of
+from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Recording, facts_of
 from accpinn.segment import SegmentInfo, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten, sanitise
 from accpinn.study.judge import judged_again, seconds_of
-from accpinn.study.result import Parts, Result
+from accpinn.study.result import Result
 from accpinn.study.run import estimate
 from accpinn.units import Seconds
 
-State = Literal["reproduced", "recomputed", "not checked"]
+State = Literal["reproduced", "not checked"]
 Cure = Literal["", "--recording", "--refit"]
 """What checks more, as the command line has it; empty where nothing can."""
 
@@ -42,49 +41,26 @@ PATIENCE: Seconds = 60.0
 """Longest time that running the methods again may be expected to take by default."""
 PROMPT: Seconds = 5.0
 """The same where the verification only comes before something else."""
-QUICK: Seconds = 0.0
-"""The same where no method is to be run again."""
 HOWEVER_LONG: Seconds = inf
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Numbers closer than this are the same; other processors round differently."""
 SOLVED = 1e-6
-"""The same share for what a method finds, and for what follows from draws."""
-DRAWN = 1e-3
-"""Largest difference of small numbers that follow from draws, as probabilities of forms."""
-CURVES = 1e-4
-"""Largest difference, in m and m/s, of curves from those that the weights give."""
-TOLERANCES = {
-    "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
-    "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN), "gain_checks": (SLACK, DRAWN),
-    "judgements": (SLACK, DRAWN), "disturbances": (SLACK, DRAWN),
-}  # fmt: skip
-"""Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
-PARTS = ("answer", "gain_checks", "qualities", "uncertainty", "evaluation", "adequacy")
-"""Parts that follow from fit and data."""
-INSTANTS = 300
-"""Instants at which curves are compared."""
+"""The same share for what a method finds."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
 """What computing with numbers that no snapshot has can raise."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
-EVERYWHERE = ("parameters", "unconstrained", "method", "case", "config")
+EVERYWHERE = ("parameters", "method", "spec", "case", "settings")
 """What an iterative training gives on every processor."""
-LIKELY = ("log_likelihood", "evidence", "unknowns", "disturbance")
-"""What the likelihood says, among losses and arrays: there up to `SLACK`."""
 FEATURED = {
-    "0.parameters.0.2": "τ {} s", "centre.0.2": "τ {} s", "0.mean_time_gap.0": "mean time gap {} s",
-    "closed_loop.gap_mae.0": "gap MAE {} m", "0.errors.gap_mae.0": "gap MAE {} m",
-    "samples": "{} samples",
+    "parameters.0.2": "τ {} s", "0.errors.gap_mae.0": "gap MAE {} m", "samples": "{} samples",
 }  # fmt: skip
 """Values that differ, in words by their places."""
 TITLES = {
-    "fit": "Estimate", "disturbances": "Disturbances", "curves": "Network's curves",
-    "qualities": "Data quality",
-    "answer": "Answer", "gain_checks": "Measured gain",
-    "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
-    "adequacy": "Forms of the model", "judgements": "Models in windows left out",
-    "info": "Window and names", "facts": "Facts of the recording", "data": "Data",
+    "estimate": "Estimate", "posterior": "Intervals", "holdout": "Hold-out",
+    "judgements": "Models in windows left out", "info": "Window and names",
+    "facts": "Facts of the recording", "data": "Data",
 }  # fmt: skip
 """Parts of a result, in the order in which they are listed."""
 
@@ -158,7 +134,7 @@ class Verification:
             if not check.ok:
                 return f"{check.title}: {check.sentence}"
         said = []
-        for state in ("reproduced", "recomputed", "not checked"):
+        for state in ("reproduced", "not checked"):
             titles = list[str]()
             for part in dict.fromkeys(check.part for check in self.checks):
                 every = [check for check in self.checks if check.part == part]
@@ -184,42 +160,39 @@ def verify(
     *,
     refit_within: Seconds = PATIENCE,
     on_refit: Callable[[str, Seconds], None] | None = None,
-    parameters_only: bool = False,
+    own_only: bool = False,
 ) -> Verification:
-    """Run the analysis of a snapshot again as far as that is possible, and compare.
+    """Run the analysis of a snapshot again, and compare.
 
     Args:
         result: as `load` reads it.
-        recording: what it was learned from; needed where the data are not in the snapshot.
+        recording: what it was learned from, with which the data themselves are compared.
         refit_within: how many seconds running the methods again may be expected to take, the
-            snapshot's own method first. See `PATIENCE`, `PROMPT`, `QUICK` and `HOWEVER_LONG`.
+            snapshot's own method first. See `PATIENCE`, `PROMPT` and `HOWEVER_LONG`.
         on_refit: called with the title and the expected seconds of each method before it is run.
-        parameters_only: whether what follows from the parameters is left out, and so are the
-            methods compared; that takes no time but the method's own.
+        own_only: whether all but the snapshot's own estimate is left out.
     """
     checks: list[Check] = []
-    whole = result
+    whole, left = result, refit_within
     with np.errstate(all="ignore"):  # forged numbers overflow, and then differ
         if recording is not None:
             try:
                 whole = result.with_data(recording)
                 checks += _provenance(result, whole, recording)
             except AccpinnError as fault:
-                checks.append(Check("data", "recomputed", False, reason=str(fault)))
-        left = refit_within
-        subjects = [(whole, "")] if parameters_only else _subjects(whole)
-        for subject, name in subjects:
+                checks.append(Check("data", "reproduced", False, reason=str(fault)))
+        rows = () if own_only else result.compared
+        for subject, name in [(result, ""), *((r, METHODS[r.analysis.method].title) for r in rows)]:
             seconds = refit_seconds(subject)
-            may_refit = bool(subject.segments) and not _is_stopped(subject) and seconds <= left
+            may_refit = subject.estimate.outcome is not Outcome.STOPPED and seconds <= left
             if may_refit:
                 left -= seconds
                 if on_refit:
                     on_refit(METHODS[subject.analysis.method].title, seconds)
-            parts = () if parameters_only else PARTS
-            checks += _of_subject(subject, name, parts, may_refit)
-    if whole.parts.judgements and not parameters_only:
-        checks.append(_judged(whole, left))
-    if recording is None and not parameters_only and result.analysis.source.sha256:
+            checks += _of_subject(subject, name, may_refit)
+        if result.judgements and not own_only:
+            checks.append(_judged(whole, left))
+    if recording is None and not own_only and result.analysis.source.sha256:
         digest = result.analysis.source.sha256
         reason = f"that takes the recording {result.info.source} (SHA-256 {digest[:16]}…)"
         checks.append(Check("data", "not checked", reason=reason, cure="--recording"))
@@ -228,7 +201,7 @@ def verify(
 
 def _judged(whole: Result, left: Seconds) -> Check:
     """The models judged again in windows of the recording."""
-    stored = whole.parts.judgements or ()
+    stored = whole.judgements
     seconds = seconds_of(sum(len(judged.windows) for judged in stored))
     unchecked = partial(Check, "judgements", "not checked")
     if whole.recording is None:
@@ -237,34 +210,19 @@ def _judged(whole: Result, left: Seconds) -> Check:
         reason = "judging models again takes time"
         return unchecked(reason=reason, cure="--refit", seconds=seconds)
     try:
-        return _compare("judgements", stored, judged_again(stored, whole.recording))
+        return _compare("judgements", stored, judged_again(stored, whole.recording), relative=SLACK)
     except FAULTS as fault:
-        return Check("judgements", "recomputed", False, reason=str(fault))
-
-
-def _subjects(whole: Result) -> list[tuple[Result, str]]:
-    """The result and the methods compared, each with its own windows' data, with names."""
-    given = {segment.info.digest: segment for segment in whole.segments}
-    rows = [
-        replace(row, segments=tuple(given[i.digest] for i in row.infos if i.digest in given))
-        for row in whole.compared
-    ]
-    return [(whole, ""), *((row, METHODS[row.analysis.method].title) for row in rows)]
+        return Check("judgements", "reproduced", False, reason=str(fault))
 
 
 def refit_seconds(result: Result) -> Seconds:
     """How long running the method of a result again takes, hold-out included, in s."""
     try:
         method, config = METHODS[result.analysis.method], result.analysis.config
-        once = sum(method.expected_seconds(segment, config) for segment in result.segments)
+        once = method.expected_seconds(result.segments, config)
     except AccpinnError:
         return 0.0
-    blocks = result.parts.evaluation.blocks if result.parts.evaluation else ()
-    return once * (1 + len(blocks))
-
-
-def _is_stopped(result: Result) -> bool:
-    return result.fit.outcome is Outcome.STOPPED
+    return once * (1 + len(result.blocks))
 
 
 def _provenance(result: Result, whole: Result, recording: Recording) -> list[Check]:
@@ -282,125 +240,77 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
     return checks
 
 
-def _of_subject(subject: Result, name: str, parts: Sequence[str], may_refit: bool) -> list[Check]:
+def _of_subject(subject: Result, name: str, may_refit: bool) -> list[Check]:
     """The checks of the snapshot's own result, or of a compared method's."""
-    known = [part for part in parts if getattr(subject.parts, part) is not None]
-    unchecked = partial(Check, state="not checked", method=name)
-    computed: dict[str, Callable[[], list[Check]]] = {}
-    checks: list[Check] = []
-    if may_refit:
-        computed["fit"] = partial(_refit, subject, name)
-    elif not subject.segments:
-        reason = "the data are not at hand"
-        checks = [unchecked(part, reason=reason, cure="--recording") for part in ("fit", *known)]
-    elif _is_stopped(subject):
-        checks = [unchecked("fit", reason="its training was stopped by hand")]
-    else:
+    if subject.estimate.outcome is Outcome.STOPPED:
+        reason = "its training was stopped by hand"
+        return [Check("estimate", "not checked", method=name, reason=reason)]
+    if not may_refit:
         reason, seconds = "running the method again takes time", refit_seconds(subject)
-        checks = [unchecked("fit", reason=reason, cure="--refit", seconds=seconds)]
-    if not name:
-        computed["curves"] = partial(_curves, subject)
-    fresh = replace(subject, parts=Parts())
-    for part in known if subject.segments else ():
-        computed[part] = partial(_part, fresh, part, subject.parts, name)
-    for part, check in computed.items():
-        try:
-            checks += check()
-        except FAULTS as fault:  # what cannot be computed does not agree
-            checks.append(Check(part, "recomputed", False, name, reason=str(fault)))
-    return checks
+        return [Check("estimate", "not checked", True, name, reason=reason, cure="--refit",
+                      seconds=seconds)]  # fmt: skip
+    try:
+        return _refit(subject, name)
+    except FAULTS as fault:  # what cannot be computed does not agree
+        return [Check("estimate", "reproduced", False, name, reason=str(fault))]
 
 
 def _refit(subject: Result, name: str) -> list[Check]:
-    """Run the method again on the data, and without the blocks held out."""
+    """Run the method again on the data, and without the parts held out."""
     method = METHODS[subject.analysis.method]
-    again = estimate(subject.analysis, subject.segments, subject.recording)
-    new = again.as_row() if name == method.title else again
+    again = estimate(subject.analysis, subject.segments)
     before, after = (
-        [replace(fit, findings=()) for fit in result.fits] for result in (subject, new)
+        replace(found, findings=(), posterior=None) for found in (subject.estimate, again)
     )
-    checks = [_compare("fit", before, after, name, state="reproduced")]
-    is_exact = checks[0].ok
-    if not is_exact and method.tolerance > SOLVED:
+    first = _compare("estimate", before, after, name, relative=SOLVED)
+    if not first.ok and method.tolerance > SOLVED:
         stored, anew = (
-            [{field: getattr(fit, field) for field in EVERYWHERE} for fit in fits]
-            for fits in (before, after)
+            {field: getattr(found, field) for field in EVERYWHERE} for found in (before, after)
         )
-        then, now = (
-            [{key: (fit.loss | fit.arrays).get(key) for key in LIKELY} for fit in fits]
-            for fits in (before, after)
-        )
-        checks = [
-            _compare("fit", stored, anew, name, state="reproduced", relative=method.tolerance),
-            _compare("disturbances", then, now, name, state="reproduced"),
-        ]
-    evaluation = subject.parts.evaluation
-    if evaluation and evaluation.blocks:
-        blocks = again.with_holdout().evaluation.blocks
-        checks.append(
-            _compare("holdout", evaluation.blocks, blocks, name, state="reproduced",
-                     relative=method.tolerance, numbers_only=not is_exact)
-        )  # fmt: skip
+        first = _compare("estimate", stored, anew, name, relative=method.tolerance)
+    checks = [first]
+    if subject.estimate.posterior:
+        checks.append(_posteriors(subject.estimate, again, name))
+    if subject.blocks:
+        blocks = replace(subject, estimate=again).with_holdout().blocks
+        checks.append(_compare("holdout", subject.blocks, blocks, name, relative=method.tolerance))
     return checks
 
 
-def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
-    """A part computed anew from the stored fit and the data."""
-    if part == "gain_checks":
-        fresh = replace(fresh, parts=Parts(answer=parts.answer))
-    stored, anew = getattr(parts, part), getattr(fresh, part)
-    if part == "uncertainty" and agree(stored, anew):
-        # On another processor draws differ, and the ends of intervals a little.
-        drawn = from_draws(stored.centre, stored.draws, stored.level, anew.method)
-        anew = with_estimates(drawn, fresh.segments[0], fresh.fit)
-    if part == "answer":
-        stored, anew = (side.without_draws() for side in (stored, anew))
-    if part == "evaluation":
-        unknown = ["blocks"]  # they follow from the method alone
-        if fresh.fit.surrogate is None:
-            unknown.append("surrogate")
-        if fresh.recording is None or not fresh.facts:
-            unknown += ["out_of_window", "out_of_window_seconds", "out_of_window_findings"]
-        anew = replace(anew, holdout=of_blocks(stored.blocks))
-        stored, anew = (replace(side, **dict.fromkeys(unknown)) for side in (stored, anew))
-    return [_compare(part, stored, anew, name)]
+def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
+    """Whether two posteriors are the same, draw by draw, or else their ends up to `SLACK`.
 
-
-def _curves(subject: Result) -> list[Check]:
-    """Whether the stored curves are what the method's stored state gives."""
-    fit, redraw = subject.fit, METHODS[subject.fit.method].redraw
-    if redraw is None or fit.surrogate is None:
-        return []
-    curves = fit.surrogate
-    rows = np.unique(np.linspace(0, len(curves.time) - 1, INSTANTS).round().astype(int))
-    stored = Trajectories(curves.time[rows], curves.speeds[rows], curves.gaps[rows])
-    anew = redraw(fit, stored.time, float(curves.time[-1]))
-    return [_compare("curves", stored, anew)]
+    Processors round differently, and one draw more or less beyond an end moves it.
+    """
+    old, new = stored.posterior, again.posterior
+    exact = _compare("posterior", old, new, name, relative=SOLVED)
+    if exact.ok or old is None or new is None or old.level != new.level:
+        return exact
+    if old.typical.everything.shape != new.typical.everything.shape:
+        return exact
+    ends = [[part.everything for part in interval_ends_of(known)] for known in (old, new)]
+    widths = ends[1][1] - ends[1][0]
+    apart = [np.abs(before - after) for before, after in zip(*ends, strict=True)]
+    same = [(far <= SLACK * widths) | ~np.isfinite(far) for far in apart]
+    if not all(part.all() for part in same):
+        return exact
+    return Check("posterior", "reproduced", True, name, numbers=exact.numbers)
 
 
 def _compare(
-    part: str,
-    stored: Any,
-    anew: Any,
-    name: str = "",
-    *,
-    state: State = "recomputed",
-    relative: float | None = None,
-    numbers_only: bool = False,
+    part: str, stored: Any, anew: Any, name: str = "", *, relative: float = RELATIVE
 ) -> Check:
     """Two objects of one kind, number by number and text by text."""
-    usual, absolute = TOLERANCES.get(part, (RELATIVE, ABSOLUTE))
-    relative = relative or usual
-    old, new = (_leaves(value, numbers_only) for value in (stored, anew))
+    old, new = _leaves(stored), _leaves(anew)
     places = sorted(old.keys() | new.keys())
     differing = [
-        place for place in places if not _same(old.get(place), new.get(place), relative, absolute)
+        place for place in places if not _same(old.get(place), new.get(place), relative, ABSOLUTE)
     ]
     words = ("", "")
     if differing:
         words = _shown(differing[0], old.get(differing[0]), new.get(differing[0]))
     return Check(
-        part, state, not differing, name,
+        part, "reproduced", not differing, name,
         numbers=sum(np.size(leaf) for leaf in old.values()),
         differing=len(differing),
         stored=words[0],
@@ -408,7 +318,7 @@ def _compare(
     )  # fmt: skip
 
 
-def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
+def _leaves(value: Any) -> dict[str, Any]:
     """Numbers, answers, texts and large arrays by their places, but what varies from run to run."""
     tree, arrays = dump(value)
     leaves = {}
@@ -417,8 +327,7 @@ def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
         if isinstance(leaf, str) and leaf in NOT_FINITE:
             leaf = float(leaf)
         leaf = arrays.get(leaf, leaf) if isinstance(leaf, str) else leaf
-        is_text = isinstance(leaf, str) or "findings" in names
-        if leaf is not None and not names & VARYING and not (is_text and numbers_only):
+        if leaf is not None and not names & VARYING:
             leaves[place] = leaf
     return leaves
 

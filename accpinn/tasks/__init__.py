@@ -1,11 +1,11 @@
 """Work in the background: one kind of task, and the queue it waits in.
 
 A task runs one analysis (a training), or several that differ in method (a comparison) or in
-initial values (a series of starts). Batches and downloads are tasks, too (see `tasks.batches`).
-Each keeps a processor core busy, so one task runs at a time, in one thread, and the others wait
-their turn. Whoever asks (a page, many times a second) gets answers at once and never waits for the
-worker. A training that was stopped is continued by submitting the same request again: the store
-holds its checkpoint.
+initial values (a series of starts). A training knows its point before its intervals. Batches and
+downloads are tasks, too (see `tasks.batches`). Each keeps a processor core busy, so one task runs
+at a time, in one thread, and the others wait their turn. Whoever asks (a page, many times a second)
+gets answers at once and never waits for the worker. A training that was stopped is continued by
+submitting the same request again: the store holds its checkpoint.
 """
 
 import gc
@@ -26,14 +26,13 @@ from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
-from accpinn.methods import TaskContext, relative_size
-from accpinn.methods.estimate import History, Outcome, Progress, Recorder
+from accpinn.methods import Segments, TaskContext, relative_size
+from accpinn.methods.estimate import Estimate, History, Outcome, Progress, Recorder
 from accpinn.methods.pinn.config import STARTS
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import COMPARED, METHODS, variant_of
 from accpinn.model.cthp import Trajectories
 from accpinn.model.registry import following_model
 from accpinn.recordings import Recording
-from accpinn.segment import Segment
 from accpinn.study import Analysis
 from accpinn.study.comparison import Refused, compare, starts
 from accpinn.study.judge import Judgement, Subject, judge
@@ -45,9 +44,13 @@ from accpinn.units import Seconds
 _log = logging.getLogger(__name__)
 
 RATE_WINDOW: Seconds = 3.0
-"""The rate of iterations is that of the last seconds, as it can change with the phase."""
+"""The rate of iterations is that of the last seconds, as it can change."""
+FORMS = "forms of the model"
+"""The last part of a comparison."""
 FORMS_SECONDS: Seconds = 2.5
-"""Typical time of the forms of the model for one follower, as the typical seconds of methods."""
+"""Typical time of the forms of the model for one follower in 300 s."""
+WITH_BLOCKS = 3
+"""Times as long as one estimate takes one with parts of the data held out in turn."""
 KEPT_TASKS = 100
 """Finished tasks beyond this number are forgotten, the oldest first."""
 LONGEST_QUEUE = 60
@@ -106,8 +109,10 @@ class Task(Generic[Found]):
         """The course of the running estimation, or of the latest one."""
         self._recent = deque[Progress](maxlen=200)
         self._began: Seconds | None = None
-        self.surrogate: Trajectories | None = None
-        """The running estimation's latest curves."""
+        self.curves: Trajectories | None = None
+        """The latest curves of the running estimation, in its first window."""
+        self.point: Estimate | None = None
+        """The running estimation's point, once it is known; its intervals follow."""
         self.latest: Any = None
         """How far work is that tells it in its own terms, with a ``share``; see `tasks.batches`."""
 
@@ -152,32 +157,35 @@ class Task(Generic[Found]):
 
     @property
     def rate(self) -> float | None:
-        """Iterations per second over the last seconds; None before two moments are known."""
+        """Iterations per second of the present phase; None before two moments of it are known."""
         with self._lock:
             recent = list(self._recent)
         if not recent:
             return None
         last = recent[-1]
-        first = next(moment for moment in recent if last.seconds - moment.seconds <= RATE_WINDOW)
+        near = (m for m in recent if m.phase == last.phase)
+        first = next(m for m in near if last.seconds - m.seconds <= RATE_WINDOW)
         elapsed = last.seconds - first.seconds
         return (last.iteration - first.iteration) / elapsed if elapsed > 0 else None
 
     @property
     def time_left(self) -> Seconds | None:
-        """Time until its end at the latest, in s; None where nothing is known of it."""
+        """Time until the end of its present phase, in s; None where nothing is known of it."""
         if self._weights:
             share = self.share
             if self._began is None or share <= 0:
                 return None
             return (time.monotonic() - self._began) * (1 - share) / share
         now, rate = self.progress, self.rate
+        if now and now.left is not None:
+            return now.left
         return (now.iterations - now.iteration) / rate if now and rate else None
 
     def history(self) -> History | None:
         """The history of the running or latest estimation, None before its first moment."""
         with self._lock:
             if isinstance(self.result, Result) and not self._recent:
-                return self.result.fit.history
+                return self.result.history
             return self.recorder.history() if self.recorder else None
 
     def stop(self) -> None:
@@ -206,8 +214,11 @@ class Task(Generic[Found]):
             if self.status is not Status.QUEUED:
                 return
             self.status, self._began = Status.RUNNING, time.monotonic()
+        context = TaskContext(
+            on_progress=self._note, should_stop=self._stop.is_set, on_estimate=self._know
+        )
         try:
-            for result in self._steps(TaskContext(None, None, self._note, self._stop.is_set)):
+            for result in self._steps(context):
                 self._add(result)
         except AccpinnError as fault:  # a stop may leave nothing to answer with
             self._end(Status.STOPPED if self._stop.is_set() else Status.FAILED, str(fault))
@@ -226,17 +237,23 @@ class Task(Generic[Found]):
             if not self._recent and self.results:
                 self.recorder = Recorder()
             self._recent.append(progress)
-            self.recorder.add(progress)
-            self.surrogate = progress.surrogate or self.surrogate
+            if self.point is None:  # later phases move nothing
+                self.recorder.add(progress)
+            self.curves = progress.curves or self.curves
+
+    def _know(self, point: Estimate) -> None:
+        with self._lock:
+            self.point = point
 
     def _add(self, result: Found) -> None:
         with self._lock:
             self.results = (*self.results, result)
+            self.point = None
             self._recent.clear()
 
     def _is_complete(self) -> bool:
         results = [result for result in self.results if isinstance(result, Result)]
-        is_stopped = any(result.fit.outcome is Outcome.STOPPED for result in results)
+        is_stopped = any(result.estimate.outcome is Outcome.STOPPED for result in results)
         return len(self.results) == len(self.names) and not is_stopped
 
     def _end(self, status: Status, error: str = "") -> None:
@@ -358,20 +375,19 @@ def training_task(
     analysis: Analysis,
     recording: Recording | None,
     store: Store | None,
-    segments: tuple[Segment, ...] = (),
+    segments: Segments = (),
     anew: bool = False,
+    kind: str = "training",
 ) -> Task[Result]:
     """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
 
     A stopped training of an equal analysis goes on from its checkpoint, if it is not to begin anew.
     A finished one is entered among what its owner's session has shown. The data are given or cut
-    from the recording.
+    from the recording. Trainings of one owner that differ in ``kind`` wait for each other.
     """
 
     def answer(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
-        _ = result.answer, result.qualities, result.evaluation, result.gain_checks
-        _ = result.uncertainty, result.gap_band
         if store and result.is_finished:
             store.record_shown(owner, result)
         return result
@@ -380,11 +396,12 @@ def training_task(
         get_ready()
         if store and (state := store.stopped_state(analysis)):
             task.recorder.restore(state)
-        yield answer(context)
+        result = answer(context)
+        _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
+        yield result
 
-    task = Task(owner, "training", steps, analysis=analysis)
-    known = store.find(analysis) if store else None
-    if known and known.parts.answer:
+    task = Task(owner, kind, steps, analysis=analysis)
+    if store and store.find(analysis):
         task.answer(answer(None))
     elif store and anew and analysis.checkpoint_key:
         store.checkpoints(analysis).drop()
@@ -392,34 +409,34 @@ def training_task(
 
 
 def comparison_task(
-    owner: str,
-    analysis: Analysis,
-    recording: Recording | None,
-    segments: tuple[Segment, ...] = (),
+    owner: str, analysis: Analysis, recording: Recording | None, segments: Segments
 ) -> Task[Result | Refused | Adequacy]:
-    """All methods on one window, those first that take least, and the forms of the model."""
-    methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
+    """All methods on the windows, those first that take least, and the forms of the model."""
+    seconds = compared_seconds(segments)
+    names = sorted(COMPARED, key=seconds.__getitem__)
 
     def steps(context: TaskContext) -> Iterator[Result | Refused | Adequacy]:
-        quiet = replace(context, on_progress=None)  # several fits make one result
+        get_ready()
+        # Several fits make one result, so there is no progress within one.
+        quiet = replace(context, on_progress=None, on_estimate=None)
         last: Result | None = None
-        keys = [method.key for method in methods]
-        for outcome in compare(analysis, recording, keys, segments=segments, context=quiet):
+        for outcome in compare(analysis, recording, names, segments=segments, context=quiet):
             last = outcome if isinstance(outcome, Result) else last
             yield outcome
         if last and not context.is_stopped:
-            _ = last.answer
             yield last.adequacy
 
-    names = (*(method.title for method in methods), "Forms of the model")
-    weights = [*(method.typical_seconds for method in methods), FORMS_SECONDS]
-    return Task(owner, "comparison", steps, names, weights)
+    return Task(owner, "comparison", steps, (*names, FORMS), [seconds[n] for n in (*names, FORMS)])
 
 
-def comparison_seconds(segment: Segment) -> Seconds:
-    """How long a comparison of all methods takes on two cores, to within a factor of two or so."""
-    typical = sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS
-    return relative_size(segment) * typical
+def compared_seconds(segments: Segments) -> dict[str, Seconds]:
+    """How long each part of a comparison takes on two cores, to within a factor of two or so."""
+    known = {FORMS: FORMS_SECONDS * relative_size(segments[0])}
+    for name in COMPARED:
+        key, config = variant_of(name)
+        seconds = METHODS[key].expected_seconds(segments, config)
+        known[name] = seconds * (WITH_BLOCKS if METHODS[key].duration else 1)
+    return known
 
 
 def judgement_task(
@@ -441,9 +458,9 @@ def starts_task(
     analysis: Analysis,
     recording: Recording | None,
     store: Store | None,
-    segments: tuple[Segment, ...] = (),
+    segments: Segments = (),
 ) -> Task[Result]:
-    """Trainings of one window from five initial values; the arguments are `training_task`'s."""
+    """Trainings from five initial values; the arguments are those of `training_task`."""
 
     def steps(context: TaskContext) -> Iterator[Result]:
         for asked in starts(analysis):

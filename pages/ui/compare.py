@@ -34,7 +34,7 @@ from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, answered, spread_of
 from accpinn.study.result import Result
 from accpinn.tasks import Task, comparison_seconds
-from accpinn.units import FloatArray, MetresPerSecond, known_mean
+from accpinn.units import FloatArray, MetresPerSecond, nanmean
 from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
@@ -260,7 +260,7 @@ def _about_errors(shown: _Shown) -> str:
     gap = shown.segment.measured_gaps[:, shown.follower]
     return (
         "Closed loop: the answer's is by its typical values. For scale, the mean absolute deviation"
-        f" of the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
+        f" of the measured space-gap is {nanmean(abs(gap - nanmean(gap))):.2f} m. {GAP_ERROR}"
         + (" Hold-out is not computed for your own training." * is_partial)
     )
 

@@ -23,9 +23,9 @@ def test_smoothed_least_squares_leaves_cubics_as_they_are() -> None:
     alpha, beta, tau = LAW
     gap = (rate - beta * (ahead - follower)) / alpha + tau * follower
     segment = segment_of(time, np.column_stack([ahead, follower]), gap[:, None])
-    fit = least_squares.fit_smoothed(segment)
+    fit = least_squares.SMOOTHED.fit(segment)
     np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
-    np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
+    np.testing.assert_allclose(fit.curves[0].speeds, segment.speeds, rtol=1e-9)
 
 
 entries = st.floats(-10, 10).map(lambda value: round(value, 3))
@@ -60,10 +60,10 @@ def test_the_bounded_solution_is_the_optimum_that_scipy_finds_and_names_the_boun
 def test_the_loss_of_splines_is_that_of_their_trajectories() -> None:
     """A spline through the trajectories has their derivatives."""
     segment = driven(MIXED, noise=0.05)
-    fit = splines.fit(segment)
+    fit = splines.METHOD.fit(segment)
     time = segment.time
     knots = np.r_[[0.0] * 4, np.linspace(0, 60, 121), [60.0] * 4]
-    speeds, gaps = fit.surrogate.speeds, fit.surrogate.gaps
+    speeds, gaps = fit.curves[0].speeds, fit.curves[0].gaps
     dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
     dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
     relative = speeds[:, :-1] - speeds[:, 1:]

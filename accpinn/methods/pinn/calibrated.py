@@ -1,28 +1,31 @@
 """The `calibrated` preset: parameters by the network's evidence, where `fast` minimises its loss.
 
-    α, ατ, β, disturbance, noise    maximise the evidence of each follower given the vehicle ahead
-                                    (`evidence`), in rounds, with splines as features
-    curves                          the network's output layer, exact for these parameters (`drawn`)
+    α, ατ, β, disturbance, noise    maximise the evidence of each follower given the vehicle ahead,
+                                    all windows together
+    curves                          the network's output layer, exact for these parameters
 
-The first ends before the second begins, as an estimate that the curves could still move would no
-longer be that of the evidence. The hidden layers stay as they were drawn by the seed: training them
-would lower Ψ by some percent and move no parameter. Standard errors of the parameters follow from
-the filter's expected information.
+The evidence integrates the output layer out. In a space of functions that is rich enough it is the
+likelihood of the Kalman filter, which is how it is computed (`joint_likelihood`); a test holds both
+together. The search begins at the user's initial values, the paper's by default, and goes on in
+rounds. Standard errors of the parameters meanwhile follow from the expected information.
+
+The hidden layers stay as they were drawn by the seed: training them would lower Ψ by some percent
+and move no parameter. Where samples are missing for long, the curves are those of the filter's
+smoother, as the network's loss needs all samples.
 """
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from accpinn.methods.estimate import Fit, Outcome
-from accpinn.methods.likelihood import Ascending, ascend, log_errors, natural, vanishing
-from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods import Segments
+from accpinn.methods.estimate import Estimate, Outcome, Progress, WeaklyDetermined, for_window
+from accpinn.methods.joint_likelihood import UNKNOWNS, Rise, rising, smoothed, without_bounds
+from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.evidence import Evidence
 from accpinn.methods.pinn.loss import (
     LossTerms,
     Motion,
-    Training,
     has_earlier,
     loss_terms,
     stack_outputs,
@@ -31,133 +34,188 @@ from accpinn.methods.pinn.loss import (
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
-from accpinn.methods.series import series_of
+from accpinn.methods.series import moving
 from accpinn.methods.state_space import complete
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.registry import PAPER, simulate
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
-from accpinn.units import frozen
+from accpinn.units import FloatArray, frozen
+
+ROUNDS_PER_MODEL = 25
+"""Rounds that a search usually takes, for the time left."""
 
 
-class CalibratedTraining(Training):
+class CalibratedTraining:
     """See the module's head; one `advance` is a round of the search."""
 
-    _drawn: Fit | None
-    """Once the search has ended."""
+    has_checkpoints = False
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(
-        self,
-        segments: tuple[Segment, ...],
-        case: Case,
-        config: PinnConfig,
-        spec: ModelSpec,
-    ) -> None:
-        """Begin the search where the filter's likelihood is largest.
-
-        The evidences of the segments add up; the first one is drawn.
-        """
-        super().__init__(segments[0], case, config)
-        self._form = spec.model
-        self._evidence = Evidence(series_of(segments, case), spec)
-        self._iteration, self._drawn = 0, None
-        # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(segments, case, spec)
-        z = np.array([maximum.coordinates for maximum in start])
-        self._search = ascend(self._evidence, z, np.arange(len(z)))
-        self._at: Ascending = next(self._search)
+    def __init__(self, segments: Segments, case: Case, config: PinnConfig, spec: ModelSpec) -> None:
+        """Begin the search at the configuration's initial values."""
+        self.segments, self.case, self.config, self.spec = segments, case, config, spec
+        self.planned = config.iterations
+        self.outcome: Outcome | None = None
+        self._iteration = 0
+        self._searches = 1 if spec.model == PAPER else 2
+        self._rounds = rising(segments, case, spec, initial=config.initial)
+        self._at: Rise = next(self._rounds)
         self._note()
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
-        """A round of the search; after the last one the exact output layer."""
+        """A round of the search."""
         try:
+            self._at = next(self._rounds)
             self._iteration += 1
-            self._at = next(self._search)
             self._note()
+        except StopIteration:
+            self.outcome = Outcome.CONVERGED
         except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
     def _note(self) -> None:
-        """Look at the present moment; Ψ is that of the splines, and of the network at the end."""
-        z, is_last = self._at.coordinates, bool(self._at.maxima)
-        everyone = np.broadcast_to(z, (self.followers, z.shape[1]))
-        unknowns, theta = natural(self._form, everyone), vanishing(self._form, everyone)
-        terms = complete(self._form, unknowns)[:, 3:]
-        self._solution = Solution(frozen(theta), frozen(unknowns[:, :3]), theta == 0.0, terms)
-        deviations = np.array([log_errors(each) for each in self._at.information])
-        evidence = float(self._at.value.sum())
-        if is_last:
-            self._drawn = self.drawn(self.segment)
-            loss = self._drawn.loss
-            psi = LossTerms(loss["data"], loss["physics"], loss["initial"])
-        else:
-            psi = self._evidence.loss(z, self.config)
-        phase = "curves" if is_last else "evidence"
-        parameters = self._solution.parameters
-        self._look(phase, self._iteration, psi, parameters, evidence, deviations)
-        if is_last and self.outcome is not Outcome.DIVERGED:
-            self.outcome = Outcome.CONVERGED
-
-    def drawn(self, segment: Segment) -> Fit:
-        """A window's fit with the present parameters, whose output layer minimises Ψ for these.
-
-        Ψ is of the gaps without s₀.
-        """
-        config, theta = self.config, self._solution.theta
-        network = Network(segment.followers, config, float(segment.time[-1]))
-        intercepts, lags, delays = self._solution.terms.T
-        shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
-        measured = stack_outputs(segment.speeds, segment.gaps) - shift
-        mask = has_earlier(segment) if delays.any() else segment.mask
-        order = 2 if lags.any() else 1
-        projection = Projection(network, segment.time, measured, mask, order)
-        hidden = projection.hidden()
-        sums = projection.sums(hidden)
-        if lags.any() or delays.any():
-            # One follower after the other, as each takes as much memory as the network.
-            late = (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
-            sums = sums.with_late(late, mask)
-        weights = solve_output(sums, theta, config)
-        network.set_output(weights)
-        motion = Motion(*projection.surrogate(hidden, weights))
-        if delays.any():
-            motion = motion.with_earlier(network, segment.time, delays)
-        kept = None if mask is None else mask.astype(float)
-        loss = loss_terms(motion, measured, theta, config, kept, lags=lags)
-        weights[0] += shift[0]
-        network.set_output(weights)
-        return Fit.of(
-            "pinn",
-            segment,
-            self.case,
-            self._solution,
-            surrogate=trajectories(segment.time, motion.outputs + shift),
-            outcome=Outcome.CONVERGED,
-            config=config.to_json(),
-            loss=loss.values() | {"evidence": float(self._at.value.sum())},
-            network_weights=network.size,
-            arrays=network.arrays(),
+        """Look at the present moment."""
+        value = float(self._at.value.sum())
+        self.progress = Progress(
+            phase="parameters",
+            iteration=self._iteration,
+            iterations=max(self._iteration + 1, self._searches * ROUNDS_PER_MODEL),
+            seconds=0.0,
+            total=np.nan,
+            data=np.nan,
+            physics=np.nan,
+            initial=np.nan,
+            parameters=self._solution().parameters[: 1 if self.case == "I" else None],
+            log_likelihood=value,
+            deviations=np.array([log_errors(each) for each in self._at.information]),
         )
+        is_late = self._iteration >= self.planned and not self._at.maxima
+        self.outcome = Outcome.FINISHED if is_late else None
+        if not np.isfinite(value):
+            self.outcome = Outcome.DIVERGED
 
-    def surrogate(self) -> None:
-        """None: curves are drawn once the search has ended."""
+    def _solution(self) -> Solution:
+        """(M, 3) the present parameters."""
+        form, z = self._at.form, self._at.coordinates
+        everyone = np.broadcast_to(z, (self.segments[0].followers, z.shape[1]))
+        unknowns, theta = natural(form, everyone), vanishing(form, everyone)
+        terms = complete(form, unknowns)[:, 3:]
+        # What would be without the constraints is known of the CTHP alone.
+        active = np.asarray((theta == 0.0) & (form == PAPER))
+        return Solution(frozen(theta), frozen(theta), active, terms)
+
+    def curves(self) -> Trajectories:
+        """The drive of the first window, each follower simulated behind the measured one ahead."""
+        segment, parameters = self.segments[0], self._solution().parameters
+        gaps, speeds = np.empty_like(segment.gaps), segment.speeds.copy()
+        for k in range(segment.followers):
+            pair = segment.pair(k)
+            start = pair.speeds[0, 1:], pair.gaps[0]
+            one, ahead = parameters[[k]], pair.speeds[:, 0]
+            with np.errstate(all="ignore"):  # the first values may be absurd
+                motion = simulate(self._at.form, one, pair.time, ahead, *start)
+            gaps[:, k], speeds[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
+        return Trajectories(segment.time, speeds, gaps)
 
     @np.errstate(all="ignore")
-    def fit(self) -> Fit:
-        """The surrogate and the parameters, also of a search that was stopped."""
-        if self.outcome is Outcome.DIVERGED:
-            nothing = trajectories(self.segment.time, np.zeros_like(self.measured))
-            return self._fit(self._solution, nothing, {"total": np.nan})
-        fit = self._drawn or self.drawn(self.segment)
-        deviations = [log_errors(each) for each in self._at.information]
-        arrays = {
-            "unknowns": natural(self._form, self._at.coordinates),
-            "deviations": np.nan_to_num(deviations, posinf=0.0),
-        }
-        return replace(
-            fit,
-            outcome=self.outcome or Outcome.STOPPED,
-            iterations=self.progress.iteration,
-            arrays=fit.arrays | arrays,
+    def estimate(self) -> Estimate:
+        """The parameters and the network's curves, also of a search that was stopped."""
+        solution, first = self._solution(), self.segments[0]
+        if self.spec.model == PAPER and self._at.maxima:
+            free = solution.unconstrained.copy()
+            for g, maximum in without_bounds(self.segments, self.case).items():
+                free[slice(None) if self.case == "I" else g] = maximum.values[:3]
+            solution = Solution(solution.theta, frozen(free), solution.active, solution.terms)
+        z = np.broadcast_to(self._at.coordinates, (first.followers, self._at.coordinates.shape[1]))
+        unknowns = natural(self._at.form, z)
+        outcome = self.outcome or Outcome.STOPPED
+        others: dict[str, Any] = {}
+        if outcome is not Outcome.DIVERGED:
+            others = self._drawn(solution, unknowns)
+        others["loss"] = others.get("loss", {}) | {"log_likelihood": self._log_likelihood}
+        arrays = {UNKNOWNS: unknowns} | others.pop("arrays", {})
+        return Estimate.of(
+            "pinn",
+            self.segments,
+            self.case,
+            self.spec,
+            solution,
+            outcome=outcome,
+            settings=self.config.to_json(),
+            iterations=self._iteration,
+            arrays=arrays,
+            findings=self._weakly_determined(),
+            **others,
         )
+
+    @property
+    def _log_likelihood(self) -> float:
+        maxima = self._at.maxima
+        if maxima:
+            return sum(maximum.log_likelihood for maximum in maxima)
+        return float(self._at.value.sum())
+
+    def _drawn(self, solution: Solution, unknowns: FloatArray) -> dict[str, Any]:
+        """Curves, losses and arrays of all windows, as fields of an `Estimate`."""
+        drawn = [self._window(segment, solution, unknowns) for segment in self.segments]
+        curves, losses, windows, sizes = zip(*drawn, strict=True)
+        known = [(s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part]
+        loss: dict[str, float] = {}
+        if len(known) == len(drawn):
+            samples = [count for count, _ in known]
+            rows = [list(part.values().values()) for _, part in known]
+            names = LossTerms(0.0, 0.0, 0.0).values()
+            loss = dict(zip(names, np.average(rows, axis=0, weights=samples), strict=True))
+        arrays = {name: array for k, own in enumerate(windows) for name, array in
+                  for_window(own, k).items()}  # fmt: skip
+        return {"curves": curves, "loss": loss, "arrays": arrays, "network_weights": max(sizes)}
+
+    def _window(
+        self, segment: Segment, solution: Solution, unknowns: FloatArray
+    ) -> tuple[Trajectories, LossTerms | None, dict[str, FloatArray], int]:
+        """The curves of a window, its Ψ, the arrays behind them and the number of weights."""
+        motion, disturbance = smoothed(self._at.form, unknowns, segment)
+        if segment.blocks_missing:
+            return motion, None, {"disturbance": disturbance}, 0
+        curves, loss, network = drawn(segment, solution, self.config)
+        return curves, loss, network.arrays() | {"disturbance": disturbance}, network.size
+
+    def _weakly_determined(self) -> list[WeaklyDetermined]:
+        """One finding for each follower that moves in no window."""
+        moves = np.any([moving(segment, self.case) for segment in self.segments], axis=0)
+        vehicles = self.segments[0].vehicles[1:]
+        return [WeaklyDetermined(n) for n, moved in zip(vehicles, moves, strict=True) if not moved]
+
+
+def drawn(
+    segment: Segment, solution: Solution, config: PinnConfig
+) -> tuple[Trajectories, LossTerms, Network]:
+    """A window's curves, whose output layer minimises Ψ for parameters (M, 3), Ψ and the network.
+
+    Ψ is of the gaps without s₀.
+    """
+    network = Network(segment.followers, config, float(segment.time[-1]))
+    theta, (intercepts, lags, delays) = solution.theta, solution.terms.T
+    shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
+    measured = stack_outputs(segment.speeds, segment.gaps) - shift
+    mask = has_earlier(segment) if delays.any() else segment.mask
+    order = 2 if lags.any() else 1
+    projection = Projection(network, segment.time, measured, mask, order)
+    hidden = projection.hidden()
+    sums = projection.sums(hidden)
+    if lags.any() or delays.any():
+        # One follower after the other, as each takes as much memory as the network.
+        late = (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
+        sums = sums.with_late(late, mask)
+    weights = solve_output(sums, theta, config)
+    network.set_output(weights)
+    motion = Motion(*projection.surrogate(hidden, weights))
+    if delays.any():
+        motion = motion.with_earlier(network, segment.time, delays)
+    kept = None if mask is None else mask.astype(float)
+    loss = loss_terms(motion, measured, theta, config, kept, lags=lags)
+    weights[0] += shift[0]
+    network.set_output(weights)
+    return trajectories(segment.time, motion.outputs + shift), loss, network

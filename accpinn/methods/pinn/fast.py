@@ -1,42 +1,52 @@
 """The `fast` preset: gradient descent where the network is nonlinear, exact solves where it is not.
 
-The network (`network`, with Fourier features) has three kinds of unknowns, each learned by what
-suits it:
+The networks of the windows (`network`, with Fourier features) and the parameters that they share
+have three kinds of unknowns, each learned by what suits it:
 
-    hidden layers      Adam on minibatches of Ψ
-    output layer W     Ψ is quadratic in it: solved exactly
+    hidden layers      Adam on minibatches of Ψ_w, each window's own
+    output layers W    Ψ_w is quadratic in each: solved exactly
     α, ατ, β           Ψ is quadratic in them: solved exactly, within their bounds
 
 Training starts with rounds of the two exact solves from the user's initial values, until the
 parameters stand still; that is the optimum for the untrained hidden layers. Then cycles of
 `CYCLE` Adam iterations, each followed by exact solves, train the hidden layers. A cycle that moves
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
-start and each Adam iteration counts as one iteration.
+start and each Adam iteration of all windows counts as one iteration.
 
 `projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from accpinn.methods.estimate import Fit, HiddenLayersGain, Outcome
+from accpinn.methods import Segments
+from accpinn.methods.estimate import Estimate, HiddenLayersGain, Outcome, for_window
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import LossTerms, Motion, Training, loss_terms, trajectories
-from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.loss import (
+    LossTerms,
+    LossTraining,
+    Motion,
+    WindowData,
+    loss_terms,
+    trajectories,
+    weighted_sum,
+)
+from accpinn.methods.pinn.network import Network, output_arrays
 from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.projection import (
     NormalEquations,
     Projection,
+    parameter_equations,
     solve_output,
-    solve_parameters,
 )
-from accpinn.methods.regression import Solution
+from accpinn.methods.regression import Solution, solve_platoon
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment import Segment
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.units import FloatArray
 
 CYCLE = 50
@@ -54,10 +64,25 @@ CONVERGED = 1e-3
 """Largest share by which a parameter moves over the last cycle."""
 
 
+class Surrogate:
+    """The network of one window in training, and the data that it learns."""
+
+    def __init__(self, data: WindowData, config: PinnConfig, order: int) -> None:
+        """Draw its weights, and sum what does not pass through the hidden layers."""
+        segment = data.segment
+        self.data = data
+        self.network = Network(segment.followers, config, float(segment.time[-1]))
+        self.projection = Projection(self.network, segment.time, data.measured, segment.mask, order)
+        self.learnable = self.network.learnable()
+        self.adam = Adam([*self.learnable.weights()][:-2], b2=0.99)
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the output layer sees, for some hidden layers."""
+    """What the output layer of a window sees, for some hidden layers."""
 
+    arrays: dict[str, NDArray[Any]]
+    """The network's weights."""
     hidden: FloatArray
     """(N, 1 + order, width) the activations and their derivatives in time."""
     sums: NormalEquations
@@ -68,37 +93,51 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
-    """The exact optimum, as far as sought, for some hidden layers."""
+class Fitted:
+    """The surrogate of a window: what its output layer sees, and this layer."""
 
     seen: Seen
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
+    motion: Motion
+    """On all instants."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The exact optimum, as far as sought, for some hidden layers."""
+
+    windows: tuple[Fitted, ...]
     solution: Any
     """The parameters: a `Solution` of the CTHP, or z (S, n) of another model."""
-    motion: Motion
-    """The surrogate on all instants."""
 
 
-class FastTraining(Training):
-    """See the module's head; one `advance` is an exact round or a cycle.
+class FastTraining(LossTraining):
+    """See the module's head; one `advance` is an exact round, or a window's share of a cycle.
 
     What is solved for is θ here, as a `Solution`; another model has unknowns of its own.
     """
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
-        """Build the network and solve its output layer at the initial parameters."""
-        super().__init__(segment, case, config)
+    def __init__(
+        self,
+        segments: Segments,
+        case: Case,
+        config: PinnConfig,
+        threads: int = 1,
+        spec: ModelSpec = PAPER_SPEC,
+    ) -> None:
+        """Build the networks and solve their output layers at the initial parameters."""
+        super().__init__(segments, case, config, spec)
         torch.set_num_threads(threads)
-        self.network = Network(self.followers, config, float(segment.time[-1]))
-        data = self.measured, segment.mask
-        self._projection = Projection(self.network, segment.time, *data, self.order)
-        self._learnable = self.network.learnable()
-        self._adam = Adam([*self._learnable.weights()][:-2], b2=0.99)
+        self.surrogates = tuple(Surrogate(data, config, self.order) for data in self.windows)
         self._starting, self._iteration = True, 0
+        self._trained: list[Seen] = []
+        """Of the windows whose hidden layers the present cycle has trained."""
         self._start_loss = float("nan")
-        self._best = self._optimum(self._initial())
+        initial = self._initial()
+        seen = [self._seen(window, initial) for window in self.surrogates]
+        self._best = self._optimum(seen, initial)
         self._note("start")
 
     def _initial(self) -> Any:
@@ -119,27 +158,41 @@ class FastTraining(Training):
         scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
         return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
-    def _seen(self, solution: Any) -> Seen:
-        """What the output layer sees for the present hidden layers."""
-        hidden = self._projection.hidden()
-        return Seen(hidden, self._projection.sums(hidden))
+    def _seen(self, window: Surrogate, solution: Any) -> Seen:
+        """What the output layer of a window sees for its present hidden layers."""
+        hidden = window.projection.hidden()
+        return Seen(window.network.arrays(), hidden, window.projection.sums(hidden))
 
-    def _motion(self, seen: Seen, weights: FloatArray) -> Motion:
+    def _motion(self, window: Surrogate, seen: Seen, weights: FloatArray) -> Motion:
         """The surrogate on all instants."""
-        return Motion(*self._projection.surrogate(seen.hidden, weights))
+        return Motion(*window.projection.surrogate(seen.hidden, weights))
 
-    def _output(self, seen: Seen, solution: Any, near: FloatArray | None) -> FloatArray:
+    def _output(
+        self, window: Surrogate, seen: Seen, solution: Any, near: FloatArray | None
+    ) -> FloatArray:
         """(K, 2M+1) the output layer's optimum, which is ``near`` another one."""
         return solve_output(seen.sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum) -> Optimum:
-        """One exact round: the parameters and the output layer."""
-        solution = solve_parameters(at.seen.sums, at.weights, self.case)
-        return self._at(at.seen, solve_output(at.seen.sums, solution.theta, self.config), solution)
+        """One exact round: the parameters and the output layers."""
+        equations = (parameter_equations(part.seen.sums, part.weights) for part in at.windows)
+        grams, moments = (
+            weighted_sum(parts, self.shares) for parts in zip(*equations, strict=True)
+        )
+        solution = solve_platoon(grams, moments, self.case)
+        return self._optimum([part.seen for part in at.windows], solution)
+
+    def _optimum(self, seen: Sequence[Seen], solution: Any, near: Optimum | None = None) -> Optimum:
+        """The output layers' optimum for some parameters."""
+        fitted = []
+        for k, (window, part) in enumerate(zip(self.surrogates, seen, strict=True)):
+            weights = self._output(window, part, solution, near and near.windows[k].weights)
+            fitted.append(Fitted(part, weights, self._motion(window, part, weights)))
+        return Optimum(tuple(fitted), solution)
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
-        """One exact round while starting; afterwards one cycle."""
+        """One exact round while starting; afterwards a window's share of a cycle."""
         try:
             if self._starting:
                 before = self._best.solution
@@ -148,17 +201,19 @@ class FastTraining(Training):
                 moved = self._move(self._best.solution, before)
                 self._starting = moved > STANDSTILL and self._iteration < START_ROUNDS
                 self._note("start")
-            else:
-                self._cycle()
+                return
+            self._trained.append(self._descended(len(self._trained)))
+            if len(self._trained) == len(self.surrogates):
+                self._end_cycle()
         except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
-    def _cycle(self) -> None:
-        before, loss = self._best, self.progress.total
-        kept = self.network.arrays()
-        steps = min(CYCLE, self.planned - self._iteration)
-        self._descend(steps)
-        after = self._optimum(before.solution, before.weights)
+    def _end_cycle(self) -> None:
+        """Exact rounds once the hidden layers of all windows have been trained."""
+        before, loss, steps = self._best, self.progress.total, self._steps
+        after = self._optimum(self._trained, before.solution, before)
+        self._trained = []
+        self._iteration += steps
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
             after = self._solved(after)
@@ -169,16 +224,26 @@ class FastTraining(Training):
             self._best = after
             self._note("Adam", terms)
         else:
-            self.network.load_arrays(kept)
+            for window, part in zip(self.surrogates, before.windows, strict=True):
+                window.network.load_arrays(part.seen.arrays)
             self._note("Adam")
         moved = self._move(self._best.solution, before.solution)
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
+    @property
+    def _steps(self) -> int:
+        """Adam iterations of the present cycle."""
+        return min(CYCLE, self.planned - self._iteration)
+
     def _loss(self, at: Optimum) -> LossTerms:
         """Ψ on all instants."""
         theta = self._theta(at.solution)
-        return loss_terms(at.motion, self.measured, theta, self.config, self.mask, self.model)
+        terms = [
+            loss_terms(part.motion, data.measured, theta, self.config, data.mask, self.model)
+            for part, data in zip(at.windows, self.windows, strict=True)
+        ]
+        return LossTerms.mean(terms, self.shares)
 
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
@@ -188,65 +253,67 @@ class FastTraining(Training):
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(self, solution: Any, near: FloatArray | None = None) -> Optimum:
-        """The output layer's optimum for the present hidden layers and some parameters."""
-        seen = self._seen(solution)
-        return self._at(seen, self._output(seen, solution, near), solution)
-
-    def _at(self, seen: Seen, weights: FloatArray, solution: Any) -> Optimum:
-        return Optimum(seen, weights, solution, self._motion(seen, weights))
-
-    def _descend(self, iterations: int) -> None:
-        """Adam on the hidden layers, on minibatches, everything else fixed."""
-        config, count = self.config, len(self.measured)
-        measured, motion_at = torch.from_numpy(self.measured), self._motion_of_hidden()
-        theta = torch.tensor(self._theta(self._best.solution))
-        mask = None if self.mask is None else torch.from_numpy(self.mask)
+    def _descended(self, k: int) -> Seen:
+        """Adam on the hidden layers of a window, on minibatches, everything else fixed."""
+        config, window, data = self.config, self.surrogates[k], self.windows[k]
+        count, motion_at = len(data.measured), self._motion_of_hidden(k)
+        measured, theta = (
+            torch.from_numpy(data.measured),
+            torch.tensor(self._theta(self._best.solution)),
+        )
+        mask = None if data.mask is None else torch.from_numpy(data.mask)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = np.random.default_rng((config.seed, self._iteration))
         first = int(config.weight_initial > 0)  # Ψ_R looks at the first instant, once
-        for _ in range(iterations):
+        for _ in range(self._steps):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
             kept = None if mask is None else mask[pick]
             terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
-            self._adam.step(terms.total, learning_rate)
-        self._iteration += iterations
+            window.adam.step(terms.total, learning_rate)
+        return self._seen(window, self._best.solution)
 
-    def _motion_of_hidden(self) -> Callable[[Any], Motion]:
-        """The surrogate at picked instants, of which the hidden layers alone can be moved."""
-        weights, projection = self._best.weights, self._projection
+    def _motion_of_hidden(self, k: int) -> Callable[[Any], Motion]:
+        """A window's surrogate at picked instants, whose hidden layers alone can be moved."""
+        window, weights = self.surrogates[k], self._best.windows[k].weights
         through = torch.from_numpy(weights[-self.config.width :])
-        fixed = torch.from_numpy(projection.past_hidden(weights)).swapaxes(0, 1)
-        features = torch.from_numpy(projection.skipped[:, :, 1:]).swapaxes(0, 1)
+        fixed = torch.from_numpy(window.projection.past_hidden(weights)).swapaxes(0, 1)
+        features, learnable = torch.from_numpy(window.projection.skipped), window.learnable
 
         def motion(pick: Any) -> Motion:
-            active = self._learnable.activations([row[pick] for row in features])
+            seen, layer = features[pick], learnable.first_layer(self.order)
+            active = learnable.activated([seen @ part for part in layer])
             pairs = zip(fixed, active, strict=True)
             return Motion(*(part[pick] + moved @ through for part, moved in pairs))
 
         return motion
 
-    def surrogate(self) -> Trajectories:
-        """The present surrogate on all instants."""
-        return trajectories(self.segment.time, self._best.motion.outputs)
+    def curves(self) -> Trajectories:
+        """The present surrogate of the first window, on all instants."""
+        return self._curves()[0]
 
-    def _solution(self) -> Solution:
-        """(M, 3) the present parameters, or their linearisation."""
+    def _curves(self) -> list[Trajectories]:
+        pairs = zip(self.windows, self._best.windows, strict=True)
+        return [trajectories(data.segment.time, part.motion.outputs) for data, part in pairs]
+
+    def _result(self) -> Solution | Parameters:
+        """The present parameters of all followers."""
         solution: Solution = self._best.solution
         return solution
 
-    def fit(self) -> Fit:
-        """The surrogate, the parameters, and what training the hidden layers brought."""
-        self.network.set_output(self._best.weights)
+    def estimate(self) -> Estimate:
+        """The surrogates, the parameters, and what training the hidden layers brought."""
         now, start = self.progress, self._start_loss
         gain = [HiddenLayersGain(start, now.total)] if now.phase == "Adam" and start > 0 else []
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
-        return self._fit(
-            self._solution(),
-            self.surrogate(),
-            loss | {"initial": now.initial, "start": start},
-            network_weights=self.network.size,
-            arrays=self.network.arrays(),
+        arrays: dict[str, FloatArray] = {}
+        for k, part in enumerate(self._best.windows):
+            arrays |= for_window(part.seen.arrays | output_arrays(part.weights), k)
+        return self._estimate(
+            self._result(),
+            self._curves(),
+            loss=loss | {"initial": now.initial, "start": start},
+            network_weights=self.surrogates[0].network.size,
+            arrays=arrays,
             findings=gain,
         )

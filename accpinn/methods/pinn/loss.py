@@ -16,27 +16,32 @@ With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in 
 
 With a delay the instants of the first `DELAY.upper` seconds have no such residual, as f(t - d) may
 lie before the window. The formulas serve numpy's arrays and torch's tensors alike.
+
+Of windows w = 1..K each has its own surrogate, and θ is shared,
+
+    Ψ = Σ_w n_w Ψ_w / Σ_w n_w,    n_w the number of instants
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from accpinn.methods.estimate import Checkpoint, Fit, Outcome, Progress
+from accpinn.methods import Segments
+from accpinn.methods.estimate import Checkpoint, Estimate, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import DELAY, FollowingModel
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from accpinn.methods.pinn.network import Network
 
 Array = TypeVar("Array", FloatArray, "Tensor")
 
@@ -72,6 +77,16 @@ def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     return stacked
 
 
+def shares_of(counts: Sequence[int]) -> tuple[float, ...]:
+    """(K,) each window's share of the instants of all; exactly 1 of a single one."""
+    return tuple(count / sum(counts) for count in counts)
+
+
+def weighted_sum(parts: Sequence[Any], shares: Sequence[float]) -> Any:
+    """The sum over windows (K,) of what each has, by its share."""
+    return sum(share * part for share, part in zip(shares, parts, strict=True))
+
+
 class Motion(NamedTuple):
     """A surrogate at N instants, as far as the loss looks at it."""
 
@@ -86,7 +101,7 @@ class Motion(NamedTuple):
     earlier_rates: Any = None
     """(3, N, M) their time derivative, where d is not moved by gradient."""
 
-    def with_earlier(self, network: "Network", time: Any, delays: Any) -> "Motion":
+    def with_earlier(self, network: Callable[..., Any], time: Any, delays: Any) -> "Motion":
         """The same with what a network gives a time d (M,) before the instants (N,), at least at 0.
 
         All are arrays, or all are tensors.
@@ -116,6 +131,12 @@ class LossTerms:
     def total(self) -> Any:
         """Ψ."""
         return self.data + self.physics + self.initial
+
+    @classmethod
+    def mean(cls, parts: Sequence[Self], shares: Sequence[float]) -> Self:
+        """The terms of all windows (K,) from those of each and its share of the instants."""
+        names = ("data", "physics", "initial")
+        return cls(*(weighted_sum([getattr(part, n) for part in parts], shares) for n in names))
 
     def values(self) -> dict[str, float]:
         """Ψ and its terms by name."""
@@ -193,40 +214,45 @@ def has_earlier(segment: Segment) -> Mask:
     return late if segment.mask is None else segment.mask & late
 
 
+@dataclass(frozen=True, eq=False)
+class WindowData:
+    """The data of a window, as the loss takes them."""
+
+    segment: Segment
+    measured: FloatArray
+    """(N, 2M+1) in the order of `output_columns`."""
+    mask: FloatArray | None
+    """(N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout."""
+
+
 class Training(ABC):
     """A preset at work: `advance` in small steps, look at `progress`, stop at any moment."""
 
     progress: Progress
-    """The present moment; its seconds are left to whoever drives the training."""
+    """The present moment, a new object whenever it has moved on; its seconds are left to whoever
+    drives the training."""
     outcome: Outcome | None
     """None while there is more to do."""
-    model: FollowingModel | None = None
-    """The model in the loss; None for the CTHP, in whose parameters Ψ is quadratic."""
     has_checkpoints: ClassVar[bool] = False
     """Whether `state` and `restore` let it continue in another process."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
-        """Keep the data as arrays; M followers, N instants."""
-        self.segment, self.case, self.config = segment, case, config
-        self.followers = segment.followers
-        self.terms = self.model.terms if self.model else ()
-        self.order = 2 if "lag" in self.terms else 1  # of the highest derivative in the residuals
+    def __init__(self, segments: Segments, case: Case, config: PinnConfig, spec: ModelSpec) -> None:
+        """Keep what is asked: windows (K,) of M followers."""
+        self.segments, self.case, self.config, self.spec = segments, case, config, spec
+        self.followers = segments[0].followers
         self.planned = config.iterations + config.lbfgs_iterations
-        self.measured = stack_outputs(segment.speeds, segment.gaps)
-        mask = has_earlier(segment) if "delay" in self.terms else segment.mask
-        self.mask = None if mask is None else mask.astype(float)
 
     @abstractmethod
     def advance(self) -> None:
         """Do a fraction of a second's work."""
 
     @abstractmethod
-    def surrogate(self) -> Trajectories | None:
-        """The present surrogate on all instants; None where it has none yet."""
+    def curves(self) -> Trajectories:
+        """The present motion in the first window, on all its instants."""
 
     @abstractmethod
-    def fit(self) -> Fit:
-        """The present surrogate and parameters, without history and seconds."""
+    def estimate(self) -> Estimate:
+        """The present parameters and the curves of all windows, without history and seconds."""
 
     def state(self) -> Checkpoint:
         """Everything needed to continue from here in another process."""
@@ -236,36 +262,48 @@ class Training(ABC):
         """Continue from ``state``, which a training of the same problem gave."""
         raise NotImplementedError
 
-    def _fit(
-        self,
-        solution: Solution,
-        surrogate: Trajectories,
-        loss: dict[str, float],
-        **others: Any,
-    ) -> Fit:
-        """The fit of a solution (M, 3) so far; ``others`` are further fields of `Fit`."""
-        return Fit.of(
+
+class LossTraining(Training):
+    """A training that lowers Ψ."""
+
+    model: FollowingModel | None = None
+    """The model in the loss; None for the CTHP, in whose parameters Ψ is quadratic."""
+
+    def __init__(self, segments: Segments, case: Case, config: PinnConfig, spec: ModelSpec) -> None:
+        """Take the windows' data as arrays."""
+        super().__init__(segments, case, config, spec)
+        self.terms = self.model.terms if self.model else ()
+        self.order = 2 if "lag" in self.terms else 1  # of the highest derivative in the residuals
+        is_delayed = "delay" in self.terms
+        masks = [has_earlier(s) if is_delayed else s.mask for s in segments]
+        self.windows = tuple(
+            WindowData(
+                segment,
+                stack_outputs(segment.speeds, segment.gaps),
+                None if mask is None else mask.astype(float),
+            )
+            for segment, mask in zip(segments, masks, strict=True)
+        )
+        self.shares = shares_of([segment.samples for segment in segments])
+
+    def _estimate(
+        self, found: Solution | Parameters, curves: Sequence[Trajectories], **others: Any
+    ) -> Estimate:
+        """The estimate so far, of a solution (M, 3) or parameters (M,); see `Estimate.of`."""
+        return Estimate.of(
             "pinn",
-            self.segment,
+            self.segments,
             self.case,
-            solution,
-            surrogate=surrogate,
+            self.spec,
+            found,
+            curves=tuple(curves),
             outcome=self.outcome or Outcome.STOPPED,
-            config=self.config.to_json(),
-            loss=loss,
+            settings=self.config.to_json(),
             iterations=self.progress.iteration,
             **others,
         )
 
-    def _look(
-        self,
-        phase: str,
-        iteration: int,
-        terms: LossTerms,
-        parameters: Parameters,
-        evidence: float = 0.0,
-        deviations: FloatArray | None = None,
-    ) -> None:
+    def _look(self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters) -> None:
         """Note the present moment, with parameters (M,) or (1,), and see if it is the last one."""
         self.progress = Progress(
             phase=phase,
@@ -274,10 +312,7 @@ class Training(ABC):
             seconds=0.0,
             **terms.values(),
             parameters=parameters[:1] if self.case == "I" else parameters,
-            evidence=evidence,
-            deviations=deviations,
-            surrogate=None,
         )
         self.outcome = Outcome.FINISHED if iteration >= self.planned else None
-        if not np.isfinite([self.progress.total, evidence]).all():
+        if not np.isfinite(self.progress.total):
             self.outcome = Outcome.DIVERGED

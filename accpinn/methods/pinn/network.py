@@ -4,7 +4,8 @@ Time t [s] goes in as it is (`paper`), or as Fourier features of a window of dur
 
     φ(t) = (2t/T - 1, sin ω_1 t, .., sin ω_n t, cos ω_1 t, .., cos ω_n t),   ω as in `config`.
 
-Tanh layers follow, through which the derivatives in time go along,
+With a constant before them, their derivative is a linear function of themselves, d(1, φ)/dt =
+(1, φ) L. Tanh layers follow, through which the derivatives in time go along,
 
     h = tanh z,   dh/dt = (1 - h²) dz/dt,   z = W h + b of the layer before,
     d²h/dt² = (1 - h²) (d²z/dt² - 2h (dz/dt)²)   where the second one is asked for,
@@ -13,7 +14,8 @@ so one pass serves all outputs without nested differentiation. The output layer 
 the last h, and before it φ where there are Fourier features (a skip connection).
 
 The formulas serve numpy's arrays and torch's tensors alike: who trains weights by gradient takes
-them as tensors, who only draws curves needs no PyTorch.
+them as tensors, who only draws curves needs no PyTorch. Of several windows each has a network of
+its own, all drawn by the same seed, so that their order does not matter.
 
 Source: Apostolakis and Ampountolas 2024, section V.B, for the network on raw time; Tancik et al.,
 NeurIPS 2020, for Fourier features.
@@ -83,21 +85,41 @@ class Network:
         phase = column * angular
         sine, cosine, rows = library.sin(phase), library.cos(phase), []
         for line in (scale * column - 1, scale * lines[1], lines[2])[: order + 1]:
+            if rows:
+                sine, cosine = angular * cosine, -angular * sine
             rows.append(library.concatenate((line, sine, cosine), axis=1))
-            sine, cosine = angular * cosine, -angular * sine
         return tuple(rows)
 
     def activations(self, features: Sequence[Array]) -> tuple[Array, ...]:
         """The last tanh layer (N, width) and its derivatives, from those of `features`."""
-        rows: list[Any] = list(features)
-        tanh = library_of(features[0]).tanh
-        for weight, bias in self.hidden:
-            through: list[Any] = [row @ weight.T for row in rows]
-            value: Any = tanh(through[0] + bias)
-            rows = [value, *((1 - value * value) * rate for rate in through[1:])]
-            if len(rows) > 2:
-                rows[2] = rows[2] - 2 * value * rows[1] * through[1]
+        return self.activated(_through(self.hidden[0], features))
+
+    def activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
+        """The last tanh layer (N, width) and its derivatives, from those of the first layer's z."""
+        rows: list[Any] = _tanh(through)
+        for layer in self.hidden[1:]:
+            rows = _tanh(_through(layer, rows))
         return tuple(rows)
+
+    def derived(self, weights: Array, order: int) -> list[Array]:
+        """W, L W, L² W .. of weights W (1 + F, ..), so that (1, φ) Lᵏ W is the k-th derivative.
+
+        W has the biases, which multiply the constant, in its first row.
+        """
+        count, scale = len(self._angular), 2 / self._duration
+        angular, library = self._angular[:, None], library_of(weights)
+        angular, parts = library.asarray(angular), [weights]
+        for _ in range(order):
+            line, sine, cosine = weights[1:2], weights[2 : 2 + count], weights[2 + count :]
+            rows = (scale * line, 0 * line, -angular * cosine, angular * sine)
+            weights = library.concatenate(rows)
+            parts.append(weights)
+        return parts
+
+    def first_layer(self, order: int) -> list[Any]:
+        """(1 + F, width) the first layer's weights, biases in the first row; see `derived`."""
+        weight, bias = self.hidden[0]
+        return self.derived(library_of(weight).concatenate((bias[None], weight.T)), order)
 
     def __call__(self, time: Array, order: int = 1) -> tuple[Array, ...]:
         """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and derivatives."""
@@ -149,6 +171,27 @@ class Network:
             for name, layer in layers.items()
             for part, values in layer._asdict().items()
         }
+
+
+def output_arrays(weights: FloatArray) -> dict[str, NDArray[Any]]:
+    """An output layer (K, 2M+1), biases in the first row, as `Network.arrays` names it."""
+    return {"output.weight": weights[1:].T.copy(), "output.bias": weights[0].copy()}
+
+
+def _through(layer: Layer, rows: Sequence[Any]) -> list[Any]:
+    """(N, outputs) z of a layer and its derivatives, from those of the layer before."""
+    through = [row @ layer.weight.T for row in rows]
+    through[0] = through[0] + layer.bias
+    return through
+
+
+def _tanh(through: Sequence[Any]) -> list[Any]:
+    """(N, width) h of a layer and its derivatives, from those of z."""
+    value = library_of(through[0]).tanh(through[0])
+    rows = [value, *((1 - value * value) * rate for rate in through[1:])]
+    if len(rows) > 2:
+        rows[2] = rows[2] - 2 * value * rows[1] * through[1]
+    return rows
 
 
 def _layer(inputs: int, outputs: int, dice: np.random.RandomState) -> Layer:

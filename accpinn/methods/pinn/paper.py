@@ -2,17 +2,18 @@
 
 Raw time in seconds goes in, the full training set is used in every iteration, all in double
 precision; network weights and (α, β, τ) are learned together by Adam, then, if asked for, by
-L-BFGS. The time derivative is the exact tangent, not nested differentiation (`network`): the
-mathematics is the same, an iteration costs less. After each iteration α, β and τ are clipped at
-zero, the rational driving constraints.
+L-BFGS. Of several windows each has a network of its own, and one optimiser learns the weights of
+all together with the parameters that they share. The time derivative is the exact tangent, not
+nested differentiation (`network`): the mathematics is the same, an iteration costs less. After each
+iteration α, β and τ are clipped at zero, the rational driving constraints.
 
 In place of α, β and τ another model has z, its parameters in standard deviations of their priors
 (see `model.following`), which are clipped at its bounds.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -21,14 +22,17 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from accpinn.errors import ConfigError
-from accpinn.methods.estimate import Checkpoint, Fit, HoldoutLoss
+from accpinn.methods import Segments
+from accpinn.methods.estimate import Checkpoint, Estimate, HoldoutLoss, for_window, of_window
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,
+    LossTraining,
     Motion,
-    Training,
+    WindowData,
     loss_terms,
     output_columns,
+    shares_of,
     trajectories,
 )
 from accpinn.methods.pinn.network import Network, State
@@ -38,13 +42,26 @@ from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.model.spec import ModelSpec
-from accpinn.segment import Segment, median_speeds
+from accpinn.segment import median_speeds
 from accpinn.units import FloatArray, Mask
 
-Part = tuple[Tensor, Tensor, Tensor | None]
-"""Time, data and mask at some instants."""
 CHUNK = 5
-"""Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
+"""Iterations per `advance` of one window: some tens of milliseconds, so that it soon stops."""
+
+
+class Part(NamedTuple):
+    """Some instants of a window."""
+
+    time: Tensor
+    measured: Tensor
+    mask: Tensor | None
+
+    @classmethod
+    def of(cls, data: WindowData, instants: Mask) -> "Part":
+        """Those at which a mask (N,) is True."""
+        mask = None if data.mask is None else torch.from_numpy(data.mask[instants])
+        time, measured = data.segment.time[instants], data.measured[instants]
+        return cls(torch.from_numpy(time), torch.from_numpy(measured), mask)
 
 
 class Adam:
@@ -112,48 +129,54 @@ def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArra
     return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
 
 
-class PaperTraining(Training):
-    """See the module's head; one `advance` is `CHUNK` iterations."""
+class PaperTraining(LossTraining):
+    """See the module's head; one `advance` is `CHUNK` iterations, or fewer of several windows."""
 
     has_checkpoints = True
 
     def __init__(
-        self, segment: Segment, case: Case, config: PinnConfig, threads: int, spec: ModelSpec
+        self, segments: Segments, case: Case, config: PinnConfig, threads: int, spec: ModelSpec
     ) -> None:
-        """Build network, parameters and the split into training and test instants.
+        """Build networks, parameters and each window's split into training and test instants.
 
         As another model may have no acceleration at the gap of zero with which the paper's network
         begins, its curves begin near the data's mean.
         """
         self.model = None if spec.model == PAPER else FOLLOWING[spec.model]
-        super().__init__(segment, case, config)
+        super().__init__(segments, case, config, spec)
         torch.set_num_threads(threads)
-        self.network = Network(self.followers, config, float(segment.time[-1]))
+        self.networks = tuple(Network(self.followers, config, float(s.time[-1])) for s in segments)
         initial, bounds = config.initial.values, np.array([3 * [0.0], 3 * [np.inf]])
         if self.model:
             bounds = bounds_of(self.model, spec.fixed)
             initial = initial_scores(self.model, config, bounds)
-            self.network.output.bias[:] = self.measured.mean(axis=0)
+            for network, data in zip(self.networks, self.windows, strict=True):
+                network.output.bias[:] = data.measured.mean(axis=0)
         self._bounds = [*map(torch.from_numpy, bounds)]
         sets = 1 if case == "I" else self.followers
         self._parameters = torch.tensor(np.tile(initial, (sets, 1)), requires_grad=True)
         """(sets, 3) α, β, τ, or (sets, n) z."""
-        self._learnable = self.network.learnable()
-        self._unknowns = [*self._learnable.weights(), self._parameters]
+        self._learnable = tuple(network.learnable() for network in self.networks)
+        weights = chain.from_iterable(network.weights() for network in self._learnable)
+        self._unknowns = [*weights, self._parameters]
         self._adam = Adam(self._unknowns)
         self._lbfgs: torch.optim.LBFGS | None = None
-        self._test = _draw_test(segment.samples, config.test_share, config.seed)
-        self._train, self._kept_out = self._at(~self._test), self._at(self._test)
+        self._chunk = max(1, CHUNK // len(segments))
+        share, seed = config.test_share, config.seed
+        self._tests = [_draw_test(segment.samples, share, seed) for segment in segments]
+        pairs = [*zip(self.windows, self._tests, strict=True)]
+        self._train = [Part.of(data, ~test) for data, test in pairs]
+        self._kept_out = [Part.of(data, test) for data, test in pairs]
         self._iteration = 0
         self._note("Adam")
 
     def advance(self) -> None:
-        """`CHUNK` iterations, or as many as are left of the present phase."""
+        """Some iterations, or as many as are left of the present phase."""
         left = self.config.iterations - self._iteration
         if left > 0:
-            self._note("Adam", self._descend(min(CHUNK, left)))
+            self._note("Adam", self._descend(min(self._chunk, left)))
         else:
-            self._refine(min(CHUNK, self.planned - self._iteration))
+            self._refine(min(self._chunk, self.planned - self._iteration))
             self._note("L-BFGS")
 
     @torch.no_grad()
@@ -194,7 +217,7 @@ class PaperTraining(Training):
         if not self.model:
             return Parameters.of(values)
         theta = values_of(self.model, values, self.followers)
-        return self.model.linearisations(theta, median_speeds((self.segment,)))
+        return self.model.linearisations(theta, median_speeds(self.segments))
 
     @torch.no_grad()
     def _clip(self) -> None:
@@ -209,70 +232,77 @@ class PaperTraining(Training):
         named = zip(self.model.parameters, each, strict=True)
         return torch.stack([parameter.value(part, torch) for parameter, part in named])
 
-    def _loss(self, part: Part | None = None) -> LossTerms:
+    def _loss(self, parts: Sequence[Part] | None = None) -> LossTerms:
         """Ψ of the training instants, or of others."""
-        time, data, mask = part or self._train
-        theta = self._theta()
-        motion = Motion(*self._learnable(time, self.order))
-        if self.model and "delay" in self.terms:
-            motion = motion.with_earlier(self._learnable, time, self.model.term(theta, "delay"))
-        return loss_terms(motion, data, theta, self.config, mask, self.model)
+        parts, theta, terms = parts or self._train, self._theta(), []
+        for network, (time, measured, mask) in zip(self._learnable, parts, strict=True):
+            motion = Motion(*network(time, self.order))
+            if self.model and "delay" in self.terms:
+                motion = motion.with_earlier(network, time, self.model.term(theta, "delay"))
+            terms.append(loss_terms(motion, measured, theta, self.config, mask, self.model))
+        return LossTerms.mean(terms, shares_of([len(part.time) for part in parts]))
 
-    def surrogate(self) -> Trajectories:
-        """The present surrogate on all instants."""
-        return trajectories(self.segment.time, self.network(self.segment.time)[0])
+    def curves(self) -> Trajectories:
+        """The present surrogate of the first window, on all instants."""
+        time = self.segments[0].time
+        return trajectories(time, self.networks[0](time)[0])
 
     @torch.no_grad()
-    def fit(self) -> Fit:
-        """The surrogate on all instants, the parameters, and the losses on both parts."""
-        outputs, rates = self.network(self.segment.time)
+    def estimate(self) -> Estimate:
+        """The surrogates on all instants, the parameters, and the losses on both parts."""
+        pairs = zip(self.networks, self.segments, strict=True)
+        motions = [Motion(*network(segment.time)) for network, segment in pairs]
         loss = self._loss().values()
-        arrays = self.network.arrays()
+        arrays: dict[str, FloatArray] = {}
         findings: tuple[HoldoutLoss, ...] = ()
-        if self._test.any():
-            arrays["test"] = self._test.astype(float)
+        for k, (network, test) in enumerate(zip(self.networks, self._tests, strict=True)):
+            split = {"test": test.astype(float)} if test.any() else {}
+            arrays |= for_window(network.arrays() | split, k)
+        if instants := int(sum(test.sum() for test in self._tests)):
             kept_out = self._loss(self._kept_out).values()
             loss |= {"test_data": kept_out["data"], "test_physics": kept_out["physics"]}
-            instants = int(self._test.sum())
             findings = (HoldoutLoss(instants, kept_out["data"], kept_out["physics"]),)
-        fit = self._fit(
-            self._solution(outputs, rates),
-            trajectories(self.segment.time, outputs),
-            loss,
-            network_weights=self.network.size,
+        named = zip(self.segments, motions, strict=True)
+        return self._estimate(
+            self._now() if self.model else self._solution(motions),
+            [trajectories(segment.time, motion.outputs) for segment, motion in named],
+            loss=loss,
+            network_weights=self.networks[0].size,
             arrays=arrays,
             findings=findings,
         )
-        return replace(fit, parameters=self._now(), unconstrained=None) if self.model else fit
 
-    def _at(self, instants: Mask) -> Part:
-        mask = None if self.mask is None else torch.from_numpy(self.mask[instants])
-        time, measured = self.segment.time[instants], self.measured[instants]
-        return torch.from_numpy(time), torch.from_numpy(measured), mask
-
-    def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
+    def _solution(self, motions: Sequence[Motion]) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
-        if self.model:
-            return Solution.of(self._now().theta)
         theta = self._theta().detach().numpy()
         active = theta == 0
-        if not active.any() or not np.isfinite(rates).all():
+        if not active.any() or not all(np.isfinite(motion.rates).all() for motion in motions):
             return Solution(theta, theta, active)
         speeds, gaps = output_columns(self.followers)
-        motion = outputs[:, speeds], outputs[:, gaps], rates[:, speeds[1:]]
-        free = Regression.of_motion(*motion, self.segment.mask).solve(self.case)
+        regressions = [
+            Regression.of_motion(
+                motion.outputs[:, speeds],
+                motion.outputs[:, gaps],
+                motion.rates[:, speeds[1:]],
+                segment.mask,
+            )
+            for segment, motion in zip(self.segments, motions, strict=True)
+        ]
+        free = Regression.joined(regressions).solve(self.case)
         return Solution(theta, free.unconstrained, active)
 
     def state(self) -> Checkpoint:
-        """Network, parameters and Adam's moments."""
-        state = self.network.arrays() | self._adam.arrays()
-        state["table"] = self._parameters.detach().numpy().copy()
+        """Networks, parameters and Adam's moments."""
+        state: Checkpoint = {"table": self._parameters.detach().numpy().copy()}
         state["iteration"] = np.array(self._iteration)
-        return state
+        for k, network in enumerate(self.networks):
+            state |= for_window(network.arrays(), k)
+        return state | self._adam.arrays()
 
     def restore(self, state: Checkpoint) -> None:
         """Continue from ``state``."""
-        self.network.load_arrays(state)
+        for k, network in enumerate(self.networks):
+            network.load_arrays(of_window(state, k))
         with torch.no_grad():
             self._parameters.copy_(torch.tensor(state["table"]))
         self._adam.load_arrays(state)

@@ -16,20 +16,21 @@ speed ahead.
 
     [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
+
+What does not pass through the hidden layers is summed once, as values alone: as the rate of (1, φ)
+is (1, φ) L (`network`), sums with rates are those of values times L.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.linalg import cholesky, solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import output_columns
 from accpinn.methods.pinn.network import Network
-from accpinn.methods.regression import Solution, solve_platoon
-from accpinn.model.cthp import Case
 from accpinn.units import FloatArray, Mask, Seconds
 
 _GAP_RATE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -53,42 +54,12 @@ class NormalEquations:
     first_data: FloatArray
     """(2M+1,) the data at the first instant."""
 
-    @classmethod
-    def of(
-        cls,
-        seen: FloatArray,
-        measured: FloatArray,
-        mask: Mask | None = None,
-        beside: tuple[Self, FloatArray] | None = None,
-    ) -> Self:
-        """Sum products of Φ and its rate (N, 2, K) and data (N, 2M+1), in `output_columns`' order.
-
-        The mask (N, M) is True where a follower's acceleration counts; None for everywhere.
-        ``beside`` holds the sums of further columns of Φ, which stand first, and these (N, 2, L).
-        """
-        count, followers = len(seen), measured.shape[1] // 2
-        rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]
-        every = [_products(part, part, count) for part in (seen[kept] for kept in rows)]
-        value_data, first = seen[:, 0].T @ measured / count, seen[0, 0]
-        if beside:
-            known, others = beside
-            cross = [_products(others[kept], seen[kept], count) for kept in rows]
-            parts = zip((known.grams, *known.dynamic_grams), cross, every, strict=False)
-            every = [
-                np.block([[before, both], [both.transpose(1, 0, 3, 2), last]])
-                for before, both, last in parts
-            ]
-            value_data = np.vstack([known.value_data, value_data])
-            first = np.concatenate([known.first, first])
-        dynamic = every[:1] * followers if mask is None else every[1:]
-        return cls(every[0], tuple(dynamic), value_data, first, measured[0])
-
     def with_late(self, late: Iterable[FloatArray], mask: Mask | None) -> Self:
         """The same for accelerations that see (M,) of (N, 2, K), as `Projection.late` gives it."""
         grams = []
         for follower, seen in enumerate(late):
             part = seen if mask is None else seen[mask[:, follower]]
-            grams.append(_products(part, part, len(seen)))
+            grams.append(_products(part, len(seen)))
         return replace(self, dynamic_grams=tuple(grams))
 
     @property
@@ -112,42 +83,78 @@ class Projection:
         """Sum the products of the data and what does not pass through the hidden layers.
 
         The instants (N,) are in s from the window's start, the order is that of the highest
-        derivative in time, 1 or 2; data and mask are as for `NormalEquations.of`.
+        derivative in time, 1 or 2. The data (N, 2M+1) are in `output_columns`' order, the mask
+        (N, M) is True where a follower's acceleration counts; None for everywhere.
         """
         self.network, self._measured, self._mask = network, measured, mask
-        self._time = time
-        self._order = order
-        self.skipped = self._features(time)
-        """(N, 1 + order, F + 1) a constant and the features, and their derivatives."""
-        self._sums = NormalEquations.of(self.skipped[:, :2], measured, mask)
-
-    def _features(self, time: FloatArray) -> FloatArray:
-        features = np.stack(self.network.features(time, self._order), axis=1)
-        constant = np.zeros((*features.shape[:2], 1))
-        constant[:, 0] = 1.0
-        return np.concatenate([constant, features], axis=2)
+        self._time, self._order = time, order
+        features = network.features(time, 0)[0]
+        self.skipped = np.empty((len(time), 1 + features.shape[1]))
+        """(N, 1 + F) a constant and the features."""
+        self.skipped[:, 0], self.skipped[:, 1:] = 1.0, features
+        size = self.skipped.shape[1]
+        self._slope = network.derived(np.eye(size), 1)[1]
+        """(1 + F, 1 + F) L."""
+        parts = [self.skipped] + ([] if mask is None else [self.skipped[m] for m in mask.T])
+        self._grams = [part.T @ part / len(time) for part in parts]
+        """(1,) or (1 + M,) of (1 + F, 1 + F), over all instants and those that count."""
+        self._value_data = self.skipped.T @ measured / len(time)
 
     def hidden(self) -> FloatArray:
         """(N, 1 + order, width) the present activations and their derivatives."""
-        return self._hidden(self.skipped)
-
-    def _hidden(self, skipped: FloatArray) -> FloatArray:
-        features = skipped[:, :, 1:].swapaxes(0, 1)
-        return np.stack(self.network.activations([*features]), axis=1)
+        layer = self.network.first_layer(self._order)
+        return np.stack(self.network.activated([self.skipped @ part for part in layer]), axis=1)
 
     def sums(self, hidden: FloatArray) -> NormalEquations:
         """The normal equations of the whole output layer."""
-        beside = self._sums, self.skipped[:, :2]
-        return NormalEquations.of(hidden[:, :2], self._measured, self._mask, beside)
+        count, flat = len(hidden), hidden[:, :2].reshape(len(hidden), -1)
+        weighted = [flat] + (
+            [] if self._mask is None else [flat * m[:, None] for m in self._mask.T]
+        )
+        every = []
+        for known, moving in zip(self._grams, weighted, strict=True):
+            cross = np.hsplit(self.skipped.T @ moving / count, 2)
+            own = _products(moving.reshape(count, 2, -1), count)
+            every.append(self._bordered(known, np.array(cross), own))
+        dynamic = every[:1] * (self._measured.shape[1] // 2) if self._mask is None else every[1:]
+        return NormalEquations(
+            every[0],
+            tuple(dynamic),
+            np.vstack([self._value_data, hidden[:, 0].T @ self._measured / count]),
+            np.concatenate([self.skipped[0], hidden[0, 0]]),
+            self._measured[0],
+        )
+
+    def _bordered(self, known: FloatArray, cross: FloatArray, own: FloatArray) -> FloatArray:
+        """(2, 2, K, K) from products of (1, φ) (1 + F, 1 + F), with h and dh/dt, and of these."""
+        size, slope = len(known), self._slope
+        before, behind = slice(size), slice(size, None)
+        grams = np.empty((2, 2, size + cross.shape[2], size + cross.shape[2]))
+        with_rate = known @ slope
+        grams[0, 0, before, before], grams[0, 1, before, before] = known, with_rate
+        grams[1, 0, before, before], grams[1, 1, before, before] = with_rate.T, slope.T @ with_rate
+        grams[0, :, before, behind], grams[1, :, before, behind] = cross, slope.T @ cross
+        grams[:, :, behind, before] = grams[:, :, before, behind].transpose(1, 0, 3, 2)
+        grams[:, :, behind, behind] = own
+        return grams
 
     def seen(self, hidden: FloatArray) -> FloatArray:
         """(N, 1 + order, K) Φ and its derivatives."""
-        return np.concatenate([self.skipped, hidden], axis=2)
+        return self._joined(self.network.features(self._time, self._order), hidden)
 
     def seen_at(self, time: FloatArray) -> FloatArray:
         """(N, 1 + order, K) the same at other instants (N,), for the present hidden layers."""
-        skipped = self._features(time)
-        return np.concatenate([skipped, self._hidden(skipped)], axis=2)
+        features = self.network.features(time, self._order)
+        return self._joined(features, np.stack(self.network.activations(features), axis=1))
+
+    def _joined(self, features: Sequence[FloatArray], hidden: FloatArray) -> FloatArray:
+        size = self.skipped.shape[1]
+        seen = np.empty((*hidden.shape[:2], size + hidden.shape[2]))
+        seen[:, :, 0], seen[:, 0, 0] = 0.0, 1.0
+        for k, part in enumerate(features):
+            seen[:, k, 1:size] = part
+        seen[:, :, size:] = hidden
+        return seen
 
     def late(self, hidden: FloatArray, lag: Seconds, delay: Seconds) -> FloatArray:
         """(N, 2, K) what an acceleration behind a lag λ or a delay d sees: Φ(t - d), Φ' + λΦ''."""
@@ -158,41 +165,35 @@ class Projection:
 
     def past_hidden(self, weights: FloatArray) -> FloatArray:
         """(N, 1 + order, 2M+1) the skip connection's part, for the output layer (K, 2M+1)."""
-        return _mapped(self.skipped, weights[: self.skipped.shape[2]])
+        parts = self.network.derived(weights[: self.skipped.shape[1]], self._order)
+        return (self.skipped @ np.hstack(parts)).reshape(len(self.skipped), len(parts), -1)
 
     def surrogate(self, hidden: FloatArray, weights: FloatArray) -> FloatArray:
         """(1 + order, N, 2M+1) outputs and their derivatives."""
-        through = weights[self.skipped.shape[2] :]
-        return (self.past_hidden(weights) + _mapped(hidden, through)).swapaxes(0, 1)
+        through = hidden.reshape(-1, hidden.shape[2]) @ weights[self.skipped.shape[1] :]
+        outputs = self.past_hidden(weights)
+        return (outputs + through.reshape(outputs.shape)).swapaxes(0, 1)
 
 
-def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """(N, D, L) from values and derivatives (N, D, K) and weights (K, L)."""
-    flat = columns.reshape(-1, columns.shape[2]) @ weights
-    return np.asarray(flat.reshape(*columns.shape[:2], -1))
-
-
-def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:
-    """(2, 2, K, L) from values and rates (n, 2, K) and (n, 2, L)."""
-    flat, other = (columns.reshape(len(columns), -1) for columns in (left, right))
-    # Of one array with itself, half the work.
-    products = (flat.T @ (flat if left is right else other) / count).reshape(
-        2, left.shape[2], 2, -1
-    )
+def _products(columns: FloatArray, count: int) -> FloatArray:
+    """(2, 2, K, K) of values and rates (n, 2, K)."""
+    flat = columns.reshape(len(columns), -1)
+    products = (flat.T @ flat / count).reshape(2, columns.shape[2], 2, -1)
     return np.asarray(products.swapaxes(1, 2))
 
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
-    kinematic = gap_blocks(sums, config)
+    kinematic = _form(_GAP_RATE, config.weight_physics[0])
 
     def blocks(follower: int) -> FloatArray:
         """The follower's squared residuals of both equations."""
         alpha, alpha_tau, beta = theta[follower]
-        dynamic = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
-        squares = _squares(dynamic, config.weight_physics[1], sums.dynamic_grams[follower])
-        squares += kinematic
-        return squares
+        residual = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
+        dynamic, grams = _form(residual, config.weight_physics[1]), sums.dynamic_grams[follower]
+        if grams is sums.grams:
+            return _squares(kinematic + dynamic, grams)
+        return _squares(kinematic, sums.grams) + _squares(dynamic, grams)
 
     return solve_chain(sums, blocks, data_moments(sums, config)[..., None], config)[..., 0]
 
@@ -216,37 +217,40 @@ def solve_chain(
     """(K, 2M+1, R) the solution of the chain of the module's head for R right-hand sides at once.
 
     The blocks (3K, 3K) are a follower's squared residuals, by its speed, its gap and the speed
-    ahead.
+    ahead; their upper triangles are read.
     """
     size, followers = len(sums.first), right.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
     at_first = restart * np.outer(sums.first, sums.first)
     value_value = sums.value_value
+    own, both, ahead = slice(size), slice(2 * size), slice(2 * size, None)
 
     # From the last follower to the first: what is left of those behind on their speed ahead.
     behind = np.zeros((size, size + right.shape[2]))
     eliminated: list[tuple[FloatArray, FloatArray]] = []
     for follower in reversed(range(followers)):
-        squares, both = blocks(follower), slice(0, 2 * size)
+        squares = blocks(follower)
         normal = squares[both, both].copy()
-        normal[:size, :size] += s_speed * value_value + at_first + behind[:, :size]
+        normal[own, own] += s_speed * value_value + at_first + behind[:, own]
         normal[size:, size:] += s_gap * value_value + at_first
         goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].swapaxes(0, 1).copy()
         goal[0] += behind[:, size:]
-        factor = cholesky(normal, lower=True, check_finite=False)
-        linked = np.column_stack([squares[both, 2 * size :], goal.reshape(2 * size, -1)])
-        half = solve_triangular(factor, linked, lower=True, check_finite=False)
+        # As columns follow one another in memory, LAPACK takes the arrays as they are.
+        factor = cholesky(normal.T, lower=True, overwrite_a=True, check_finite=False)
+        linked = np.concatenate([squares[both, ahead].T, goal.reshape(2 * size, -1).T]).T
+        half = solve_triangular(factor, linked, lower=True, overwrite_b=True, check_finite=False)
         eliminated.append((factor, half))
-        behind = -half[:, :size].T @ half
-        behind[:, :size] += squares[2 * size :, 2 * size :]
+        speed, rest = half[:, own], half[:, size:]
+        behind = np.hstack([-(speed.T @ speed), -(speed.T @ rest)])
+        behind[:, own] += squares[ahead, ahead]
 
     weights = np.empty_like(right)
-    leader = s_speed * value_value + behind[:, :size]
-    given = right[:, 0] + behind[:, size:]
-    weights[:, 0] = solve(leader, given, assume_a="pos", check_finite=False)
+    leader = s_speed * value_value + behind[:, own]
+    factor = cholesky(leader.T, lower=True, check_finite=False)
+    weights[:, 0] = cho_solve((factor, True), right[:, 0] + behind[:, size:], check_finite=False)
     for follower, (factor, half) in enumerate(reversed(eliminated)):
-        left = half[:, size:] - half[:, :size] @ weights[:, speed_columns[follower]]
+        left = half[:, size:] - half[:, own] @ weights[:, speed_columns[follower]]
         solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
         weights[:, speed_columns[follower + 1]] = solved[:size]
         weights[:, gap_columns[follower]] = solved[size:]
@@ -255,17 +259,29 @@ def solve_chain(
 
 def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
     """The part of a follower's blocks that comes from the rate of its gap."""
-    return _squares(_GAP_RATE, config.weight_physics[0], sums.grams)
+    return _squares(_form(_GAP_RATE, config.weight_physics[0]), sums.grams)
 
 
-def _squares(residual: FloatArray, weight: float, grams: FloatArray) -> FloatArray:
-    """(3K, 3K) the weighted square of a residual (2, 3) of values and rates, as `_GAP_RATE` is."""
-    size, form = 3 * grams.shape[2], weight * np.multiply.outer(residual, residual)
-    return np.tensordot(form, grams, ((0, 2), (0, 1))).swapaxes(1, 2).reshape(size, size)
+def _form(residual: FloatArray, weight: float) -> FloatArray:
+    """(2, 3, 2, 3) the weighted square of a residual (2, 3), as `_GAP_RATE` is."""
+    return np.asarray(weight * np.multiply.outer(residual, residual))
 
 
-def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:
-    """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
+def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
+    """(3K, 3K) the upper blocks of a form's sum over instants; those below stay zero."""
+    size = grams.shape[2]
+    blocks = np.zeros((3, size, 3, size))
+    for row, column in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]:
+        block = blocks[row, :, column]
+        for a, b in np.argwhere(form[:, row, :, column]):
+            block += form[a, row, b, column] * grams[a, b]
+    return blocks.reshape(3 * size, 3 * size)
+
+
+def parameter_equations(
+    sums: NormalEquations, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(M, 3, 3) and (M, 3): the normal equations of θ for the output layer (K, 2M+1)."""
     followers = weights.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     grams, targets = [], []
@@ -276,4 +292,4 @@ def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> 
         dynamic = sums.dynamic_grams[follower]
         grams.append(terms.T @ dynamic[0, 0] @ terms)
         targets.append(terms.T @ (dynamic[0, 1] @ own))
-    return solve_platoon(np.stack(grams), np.stack(targets), case)
+    return np.stack(grams), np.stack(targets)

@@ -1,4 +1,4 @@
-"""The PiNN as a method of the registry: from settings to fit; curves drawn again from a fit.
+"""The PiNN as a method of the registry: from settings to estimate; curves drawn again from one.
 
 All presets are driven the same way. A training that takes minutes (`paper`) continues from its last
 checkpoint where it was stopped, or where its process died; the others take a second and begin anew.
@@ -7,7 +7,7 @@ PyTorch takes a second or two to be imported, in a thread while something else i
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import TYPICAL_SAMPLES, Method, TaskContext, best_first
-from accpinn.methods.estimate import Continued, Fit, Outcome, Recorder
+from accpinn.methods import TYPICAL_SAMPLES, Method, PosteriorKind, Segments, TaskContext
+from accpinn.methods.estimate import Continued, Estimate, Outcome, Recorder, of_window
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,
@@ -28,16 +28,15 @@ from accpinn.methods.pinn.config import (
     METHOD_VERSION,
     PAPER,
     PRESETS,
-    STRETCH,
     PinnConfig,
     PresetName,
 )
 from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING
 from accpinn.model.registry import PAPER as PAPER_MODEL
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -80,18 +79,18 @@ def start_loading() -> None:
     Thread(target=load, daemon=True).start()
 
 
-def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
-    """The surrogate of a PiNN's fit from its stored weights alone, at any instants (N,) in s.
+def redraw(estimate: Estimate, window: int, time: FloatArray, duration: Seconds) -> Trajectories:
+    """The surrogate of a window from its stored weights alone, at any instants (N,) in s.
 
     Raises:
         ConfigError: when the weights are missing, or another network's.
     """
-    config = PinnConfig.from_json(fit.config)
+    config = PinnConfig.from_json(estimate.settings)
     try:
         if 2 * duration * config.highest_frequency > MOST_FEATURES:
             raise ValueError(duration)
-        network = Network(len(fit.parameters), config, duration)
-        network.load_arrays(fit.arrays)
+        network = Network(len(estimate.parameters), config, duration)
+        network.load_arrays(of_window(estimate.arrays, window))
     except (KeyError, ValueError):
         raise ConfigError(
             "The network's weights are missing, or another network's; train again."
@@ -100,51 +99,34 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
 
 
 def training(
-    segments: tuple[Segment, ...],
+    segments: Segments,
     case: Case,
     settings: PinnConfig | None,
     context: TaskContext,
-    spec: ModelSpec = PAPER_SPEC,
-) -> tuple[Fit, ...]:
-    """Learn the parameters of a segment with the physics-inspired neural network.
+    spec: ModelSpec,
+) -> Estimate:
+    """Learn the parameters of windows (K,) with the physics-inspired neural network.
 
     Whatever ends it leaves a checkpoint, from which a training with the same settings goes on. The
-    evidences of several segments add up, in the preset `calibrated` alone. The first is trained as
-    one is; the others are drawn with its parameters. A stop leaves fewer fits than segments.
-    The settings are those of the preset `fast` by default, the threads as many as help, at most
-    four.
+    threads are as many as help, at most four.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
-        ConfigError: when the number of threads is no sensible one, or the preset takes one window.
-        SegmentError: when a segment is too long to be trained on.
+        ConfigError: when the number of threads is no sensible one.
+        SegmentError: when the windows are too long to be trained on.
     """
-    config = settings or FAST
-    if len(segments) > 1 and config.preset != "calibrated":
-        raise ConfigError(
-            f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
-            " preset calibrated, maximum-likelihood, or one window."
-        )
+    config = settings or PinnConfig.default()
     threads = _threads(config.preset, context)
-    for segment in segments:
-        require_memory(segment, config, spec.model)
-    training, fit = _driven(partial(_begun, segments, case, config, threads, spec), context)
-    fits = [fit]
-    for segment in segments[1:]:
-        if fit.outcome is Outcome.STOPPED or context.is_stopped:
-            break
-        assert isinstance(training, CalibratedTraining)
-        fits.append(replace(training.drawn(segment), seconds=fit.seconds))
-    return tuple(fits)
+    require_memory(segments, config, spec.model)
+    return _driven(partial(_begun, segments, case, config, threads, spec), context)
 
 
 def _begun(
-    segments: tuple[Segment, ...], case: Case, config: PinnConfig, threads: int, spec: ModelSpec
+    segments: Segments, case: Case, config: PinnConfig, threads: int, spec: ModelSpec
 ) -> Training:
     """The preset's training; `calibrated` needs no PyTorch."""
     if config.preset == "calibrated":
         return CalibratedTraining(segments, case, config, spec)
-    (segment,) = segments
     try:
         import_module("torch")
     except TORCH_ABSENT as fault:
@@ -155,17 +137,17 @@ def _begun(
     if config.preset == "paper":
         from accpinn.methods.pinn.paper import PaperTraining
 
-        return PaperTraining(segment, case, config, threads, spec)
+        return PaperTraining(segments, case, config, threads, spec)
     if spec.model == PAPER_MODEL:
         from accpinn.methods.pinn.fast import FastTraining
 
-        return FastTraining(segment, case, config, threads)
+        return FastTraining(segments, case, config, threads, spec)
     from accpinn.methods.pinn.following import FollowingFast
 
-    return FollowingFast(segment, case, config, threads, spec)
+    return FollowingFast(segments, case, config, threads, spec)
 
 
-def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Training, Fit]:
+def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
     """Drive a training to its end, or from its last checkpoint on."""
     started = saved = drawn = time.perf_counter()
     training, recorder, earlier = begin(), Recorder(), 0.0
@@ -192,7 +174,7 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Traini
             return
         if training.outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
             drawn = time.perf_counter()
-            now = replace(now, surrogate=training.surrogate())
+            now = replace(now, curves=training.curves())
         context.on_progress(now)
 
     def save() -> None:
@@ -204,18 +186,20 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Traini
         if not earlier:
             report()
         while training.outcome is None and not context.is_stopped:
+            before = training.progress
             training.advance()
-            report()
+            if training.progress is not before:
+                report()
             if training.outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
                 save()
                 saved = time.perf_counter()
     finally:  # also where it is interrupted
         if training.outcome is not Outcome.DIVERGED:
             save()
-    fit = training.fit()
-    findings = (*fit.findings, *begun)
+    estimate = training.estimate()
+    findings = (*estimate.findings, *begun)
     history = recorder.history()
-    return training, replace(fit, seconds=elapsed(), history=history, findings=findings)
+    return replace(estimate, seconds=elapsed(), history=history, findings=findings)
 
 
 def _threads(preset: PresetName, context: TaskContext) -> int:
@@ -234,44 +218,56 @@ def _threads(preset: PresetName, context: TaskContext) -> int:
     return threads
 
 
-def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODEL) -> None:
-    """Refuse a window whose training would not fit.
+def require_memory(
+    segments: Sequence[Segment], config: PinnConfig, model: str = PAPER_MODEL
+) -> None:
+    """Refuse windows whose training would not fit.
 
     Raises:
-        SegmentError: naming the longest window that can be trained on.
+        SegmentError: naming the longest window that can be trained on, or how many are too many.
     """
-    step, rate = segment.sample_time, 2 * STRETCH * config.highest_frequency
+    needs = [_bytes_needed(segment, config, model) for segment in segments]
+    # The networks of `calibrated` are drawn one after the other.
+    needed = max(needs) if config.preset == "calibrated" else sum(needs)
+    if needed <= MOST_BYTES:
+        return
+    largest = segments[int(np.argmax(needs))]
+    if max(needs) <= MOST_BYTES:
+        raise SegmentError(
+            f"{largest.source}: {len(segments)} windows would take {needed / 1e9:,.1f} GB of memory"
+            f" to train on together; take at most {int(MOST_BYTES / max(needs))} like the longest,"
+            " or the preset calibrated."
+        )
+    duration, ratio = largest.window.duration, MOST_BYTES / max(needs)
+    # Instants and, but for `paper`, features grow with the window.
+    longest = duration * (ratio if config.preset == "paper" else sqrt(ratio))
+    raise SegmentError(
+        f"{largest.source}: a window of {duration:,.0f} s would take {max(needs) / 1e9:,.1f} GB of"
+        f" memory to train on; take at most {0.98 * longest // 10 * 10:,.0f} s."
+    )
+
+
+def _bytes_needed(segment: Segment, config: PinnConfig, model: str) -> float:
     is_late = FOLLOWING[model].is_late
     if config.preset == "paper":
-        per_instant = _LATE_INSTANT if is_late else _PER_INSTANT
-        needed: float = per_instant * segment.samples
-        longest: Seconds = MOST_BYTES / per_instant * step
-    else:
-        kind = "usual" if segment.mask is None else "masked"
-        if config.preset == "fast" and model != PAPER_MODEL:
-            kind = "late model" if is_late else "other model"
-        elif is_late:
-            kind = "late calibrated"
-        common, own = _PER_FEATURE[kind]
-        each = common + own * segment.followers
-        features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
-        needed = each * segment.samples * features
-        # Instants and features both grow with the window.
-        longest = sqrt(MOST_BYTES * step / (each * rate))
-    if needed > MOST_BYTES:
-        raise SegmentError(
-            f"{segment.source}: a window of {segment.window.duration:,.0f} s would take"
-            f" {needed / 1e9:,.1f} GB of memory to train on; take at most"
-            f" {0.98 * longest // 10 * 10:,.0f} s."
-        )
+        return segment.samples * (_LATE_INSTANT if is_late else _PER_INSTANT)
+    kind = "usual" if segment.mask is None else "masked"
+    if config.preset == "fast" and model != PAPER_MODEL:
+        kind = "late model" if is_late else "other model"
+    elif is_late:
+        kind = "late calibrated"
+    common, own = _PER_FEATURE[kind]
+    features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
+    return (common + own * segment.followers) * segment.samples * features
 
 
-def typical_seconds(segment: Segment, settings: PinnConfig | None) -> Seconds:
+def typical_seconds(segments: Segments, settings: PinnConfig | None) -> Seconds:
     """Expected duration of a training that runs all its iterations."""
-    config = settings or FAST
+    config = settings or PinnConfig.default()
     typical, further, iterations = TYPICAL[config.preset]
-    followers = 1 + further * (segment.followers - 1)
-    size = segment.samples / TYPICAL_SAMPLES * config.iterations / iterations
+    samples = sum(segment.samples for segment in segments)
+    followers = 1 + further * (segments[0].followers - 1)
+    size = samples / TYPICAL_SAMPLES * config.iterations / iterations
     larger = max(1.0, config.layers / FAST.layers * (config.width / FAST.width) ** 2)
     return typical * size * followers * larger
 
@@ -290,9 +286,14 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models, the paper's first; of the preset `calibrated` the CTHPs."""
-    is_papers = settings.get("preset") in ("fast", "paper")
-    return tuple(FOLLOWING) if is_papers else best_first(CTHPS)
+    """All models, the paper's first; of the preset `calibrated` the CTHPs, the best one first."""
+    if settings["preset"] == "calibrated":
+        return (BEST, *(key for key in CTHPS if key != BEST))
+    return tuple(FOLLOWING)
+
+
+def _posterior(settings: Mapping[str, Any]) -> PosteriorKind | None:
+    return "likelihood" if settings["preset"] == "calibrated" else None
 
 
 def _variant(config: Mapping[str, Any]) -> str:
@@ -315,6 +316,7 @@ METHOD = Method(
     variant=_variant,
     duration=typical_seconds,
     redraw=redraw,
-    takes_windows=True,
     models=_models,
+    posterior=_posterior,
+    allows_missing=lambda settings: bool(settings["preset"] == "calibrated"),
 )

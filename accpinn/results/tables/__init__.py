@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from markupsafe import Markup, escape
 
-from accpinn.channels import Quantity
+from accpinn import channels
 from accpinn.findings import probability
 from accpinn.results.glossary import MEANINGS
-from accpinn.units import Quantity, FloatArray
+from accpinn.units import FloatArray, Quantity
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -78,7 +78,7 @@ STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
 ENDINGS = {1: ("",), 2: ("_low", "_high"), 3: ("", "_low", "_high")}
 """What is added to a column's name in a CSV file, by the number of columns that it takes there."""
 OUTSIDE = "outside its interval"
-HELD = "held"
+FIXED = "fixed"
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -102,13 +102,13 @@ class Column:
     key: str = ""
     """Its name in CSV files; by default from group, title and unit."""
     is_brief: bool = False
-    """Whether of an estimate the value alone is shown, with the digits that its interval supports;
-    that is in CSV files, and on a web page where one points at the value."""
-    may_be_held: bool = False
-    """Whether an interval without width is that of a parameter which was given, not estimated."""
+    """Whether of a value with an interval only the value is shown, with the digits that the interval
+    supports; that is in CSV files, and on a web page where one points at the value."""
+    may_be_fixed: bool = False
+    """Whether an interval without width is that of a parameter that is fixed, not estimated."""
 
     @classmethod
-    def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
+    def of(cls, quantity: channels.Quantity, group: str = "", key: str = "") -> "Column":
         """The column of a quantity, under its symbol."""
         return cls(quantity.symbol, quantity.unit, quantity.digits, group, key=key)
 
@@ -143,7 +143,7 @@ class Column:
         if isinstance(cell, Marked):
             return f"{self.shown(cell.cell)}{cell.mark}"
         if isinstance(cell, Quantity):
-            value, ends = self._estimate(cell)
+            value, ends = self._with_interval(cell)
             return value if self.is_brief or not ends else f"{value} ({ends})"
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
@@ -163,7 +163,7 @@ class Column:
         sign = "*"
         if isinstance(cell, Marked):
             why, sign, cell = cell.why, cell.mark, cell.cell
-        value, ends = self._estimate(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
+        value, ends = self._with_interval(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
         if not isinstance(cell, str):
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
@@ -172,12 +172,12 @@ class Column:
         interval = f" <span>({escape(ends)})</span>" if ends else ""
         return Markup(f"{escape(value)}{mark}{interval}")
 
-    def _estimate(self, cell: Quantity) -> tuple[str, str]:
+    def _with_interval(self, cell: Quantity) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
         if math.isnan(cell.value) and math.isnan(cell.lower):
             return ABSENT, ""
-        if self.may_be_held and cell.lower == cell.value == cell.upper:
-            return self.shown(cell.value), HELD
+        if self.may_be_fixed and cell.lower == cell.value == cell.upper:
+            return self.shown(cell.value), FIXED
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if ends.startswith("-") else ends.replace(" to ", "–")
@@ -197,7 +197,7 @@ Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
 
-def estimate_cells(values: Values, low: Values, high: Values) -> list[Quantity]:
+def interval_cells(values: Values, low: Values, high: Values) -> list[Quantity]:
     """(K,) values with their intervals."""
     return [*map(Quantity, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
 

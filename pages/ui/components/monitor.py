@@ -9,6 +9,8 @@ from accpinn.tasks import Status, Task
 from pages.ui.components import show
 from pages.ui.session.resources import task_queue
 
+INTERVALS = "intervals"
+"""The phase in which the point is known and its intervals are computed."""
 POLL = 1.0
 """Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
@@ -69,7 +71,7 @@ def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> No
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
-    """What runs, how far it is, how fast, and how long it still takes."""
+    """What runs, how far its phase is, how fast, and how long that still takes."""
     now, left = task.progress, task.time_left
     duration = show.format_duration(left) if left else ""
     if len(task.names) > 1:
@@ -77,9 +79,11 @@ def progress_parts(task: Task[Any]) -> list[str]:
         return parts + ([f"about {duration} left"] if duration else [])
     if now is None:
         return ["Getting ready …"]
-    parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
-    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate else []
-    return parts + ([f"{duration} left at most"] if duration else [])
+    unit = "window" if now.phase == INTERVALS else "iteration"
+    parts = [f"{now.phase}: {unit} {now.iteration:,} of {now.iterations:,}"]
+    if task.rate and unit == "iteration":
+        parts.append(f"{task.rate:,.0f} iterations/s")
+    return parts + ([f"about {duration} left"] if duration else [])
 
 
 def show_waiting(task: Task[Any]) -> None:
@@ -107,7 +111,6 @@ def show_waiting(task: Task[Any]) -> None:
 
 
 def own_task_line(earlier: Task[Any], seconds: float | None) -> str:
-    """Which of the user's own tasks comes first, and how long it takes at most."""
-    preset = f" with the {earlier.analysis.settings['preset']} preset" if earlier.analysis else ""
-    at_most = f", for {show.format_duration(seconds)} at most" if seconds else ""
-    return f"Your own {earlier.kind}{preset} comes first{at_most}."
+    """Which of the user's own tasks comes first, and about how long it takes."""
+    takes = f", for about {show.format_duration(seconds)}" if seconds else ""
+    return f"Your own {earlier.kind} comes first{takes}."

@@ -3,15 +3,15 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods import Segments
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import METHODS, VARIANTS, recommended_method, variant_name
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import BEST
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
 from accpinn.segment import Segment, SegmentInfo
@@ -20,7 +20,8 @@ from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
-from accpinn.study.snapshot import named
+from accpinn.study.run import analysis_of
+from accpinn.study.snapshot import prepare_snapshot
 from accpinn.study.store import Entry
 from accpinn.tasks import (
     Task,
@@ -31,9 +32,9 @@ from accpinn.tasks import (
 )
 from pages.ui.session import resources
 
-ParameterSource = Literal["fit", "published", "snapshot", "hand"]
-"""Where the α, β and τ on pages Stability and Platoon are from."""
-KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(METHODS)
+ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
+"""Where the vehicles on pages Stability and Platoon are from."""
+KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(VARIANTS)
 """Recordings that a session keeps open; results of three comparisons, and as many changes of the
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
@@ -53,7 +54,7 @@ class Workspace:
     awaited: Analysis | None = None
     """What was on the screen before a restart of the server, until a recording is opened."""
     asked: Analysis = NOTHING
-    """Vehicles, window, Case, excluded regimes and the answer's model as chosen; see `analysis`."""
+    """Vehicles, window, Case and excluded regimes as chosen; see `analysis`."""
     window_starts: tuple[float, ...] | None = None
     """Starts of the windows in car-following to train on; None for all of them, empty for the
     chosen window alone."""
@@ -61,16 +62,20 @@ class Workspace:
     fault: str = ""
     """Why there is no segment."""
     preset: PresetName = "calibrated"
-    """To begin with the one that disturbances do not bias."""
+    """This one stands for the recommended method of the model, whichever that is."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
+    specs: dict[str, ModelSpec] = field(default_factory=dict)
+    """Per preset, the model that was chosen in place of its usual one."""
     training: Task[Result] | None = None
     comparison: Task[Result | Refused | Adequacy] | None = None
-    """All methods on the segment, while they run and when they are done."""
+    """All methods on the windows, while they run and when they are done."""
     starts: Task[Result] | None = None
-    """Trainings of the segment from several initial values."""
+    """Trainings of the windows from several initial values."""
     judgement: Task[tuple[Judgement, ...]] | None = None
     """Car-following models on the recording's windows."""
+    cars: dict[int, Task[Result]] = field(default_factory=dict)
+    """Followers estimated alone, by their numbers in the open recording."""
     restored: Result | None = None
     """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
@@ -79,7 +84,7 @@ class Workspace:
     """Results that are no longer current, as rows of a table, oldest first."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
-    chosen_source: ParameterSource = "fit"
+    chosen_source: ParameterSource = "estimate"
     """As chosen last; see `parameter_source`."""
     source_result: Result | None = None
     """The result when the source was chosen; a newer one is shown in place of the choice."""
@@ -89,6 +94,8 @@ class Workspace:
     """The recordings opened last, by their SHA-256."""
     steps: tuple[Step, ...] = ()
     """What `undo` goes back to, the last one first."""
+    kept_judgements: tuple[Judgement, ...] = ()
+    """Those that the store has."""
     kept: bytes = b""
     """What the store was last told of this session; see `pages.ui.session.sessions`."""
 
@@ -115,42 +122,62 @@ class Workspace:
         preset = PRESETS[self.preset].to_json()
         return PinnConfig.from_json(preset | self.settings.get(self.preset, {}))
 
-    def analysis(self, config: PinnConfig, windows: tuple[Window, ...] = ()) -> Analysis | None:
-        """What a training with these settings would answer; None where no data are at hand.
+    @property
+    def spec(self) -> ModelSpec:
+        """The model that a training estimates."""
+        usual = METHODS["pinn"].usual_spec(PRESETS[self.preset])
+        return self.specs.get(self.preset, usual)
 
-        The windows are by default the one chosen.
+    def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
+        """What a training would answer; None where no data are at hand.
+
+        Settings of the PiNN replace those chosen.
+
+        Raises:
+            ConfigError: a setting outside its range, as one sentence.
         """
-        now, restored, asked = self.recording, self.restored, self.asked
-        if now:
-            same = replace(asked, source=Source.of(now), held=())
-        elif self.segment and restored:
-            # The key is that of the data at hand: what a file says of its recording is not checked.
-            data = sha256(self.segment.info.digest.encode()).hexdigest()
-            held = restored.analysis.held if restored.analysis.model == asked.model else ()
-            same = replace(asked, source=replace(asked.source, data=data), held=held)
+        method = "pinn"
+        if config is None and self.preset == "calibrated":
+            method = recommended_method(self.spec.model)
+        asked = replace(self.asked, spec=self.spec)
+        if self.recording:
+            asked = replace(asked, source=Source.of(self.recording), windows=self.windows)
+        elif self.restored and self.segment:
+            # The key is that of the data at hand: what a file says of its recording is unchecked.
+            asked = analysis_of(self.restored.segments, asked)
         else:
             return None
-        fitted = "" if asked.model == BEST else asked.model
-        same = replace(same, windows=windows or asked.windows, fitted=fitted)
-        return same.with_method("pinn", config)
-
-    def training_analysis(self, config: PinnConfig) -> Analysis | None:
-        """What a training answers: `analysis`, on `several_windows` if these are chosen."""
-        return self.analysis(config, self.several_windows if config.preset == "calibrated" else ())
+        return asked.with_method(method, (config or self.config) if method == "pinn" else None)
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
-        """The windows in car-following, if chosen for a preset that takes several; else empty."""
+        """The windows in car-following of the recording, if these are chosen; else empty."""
         starts = self.window_starts
-        if not self.recording or self.preset != "calibrated" or starts == ():
+        if not self.recording or starts == ():
             return ()
         every = resources.windows_in_car_following(self.recording, self.asked.vehicles)
         return tuple(window for window in every if window.start in (starts or ())) or every
 
     @property
-    def _data(self) -> tuple[Segment, ...]:
-        """The data of a task where there is no recording to cut them from."""
-        return (self.segment,) if self.segment and not self.recording else ()
+    def windows(self) -> tuple[Window, ...]:
+        """What a training takes: several windows, or the chosen one."""
+        if self.restored and not self.recording:
+            return self.restored.analysis.windows
+        return self.several_windows or (self.asked.window,)
+
+    @property
+    def segments(self) -> Segments:
+        """(K,) the data of these windows; empty where the chosen one cannot be used.
+
+        Raises:
+            SegmentError: where one of several cannot be used.
+        """
+        recording = self.recording
+        if recording and self.several_windows:
+            return tuple(self._segment_of(recording, window) for window in self.windows)
+        if self.restored and not recording:
+            return self.restored.segments
+        return (self.segment,) if self.segment else ()
 
     @property
     def result(self) -> Result | None:
@@ -172,28 +199,29 @@ class Workspace:
 
     @property
     def compared(self) -> tuple[Result, ...]:
-        """The results of the methods, as far as they were run."""
+        """The results of the methods, as far as they were run, the recommended one first."""
+        rows = self.restored.compared if self.restored else ()
         if self.comparison:
-            rows = [row for row in self.comparison.results if isinstance(row, Result)]
-            return tuple(row for name in METHODS for row in rows if row.analysis.method == name)
-        return self.restored.compared if self.restored else ()
+            rows = tuple(row for row in self.comparison.results if isinstance(row, Result))
+        places = [*VARIANTS]
+
+        def place(row: Result) -> tuple[bool, int]:
+            asked = row.analysis
+            is_recommended = asked.method == recommended_method(asked.spec.model)
+            name = variant_name(asked.method, asked.settings)
+            return not (is_recommended and asked.has_posterior), places.index(name)
+
+        return tuple(sorted(rows, key=place))
 
     def compared_with_training(self) -> tuple[Result, ...]:
-        """The same, and the training finished on the same window with settings of its own."""
+        """The same, and the training finished on the same windows with settings of its own."""
         rows, result = self.compared, self.result
-        if not rows or result is None or not METHODS[result.analysis.method].settings:
+        if not rows or result is None or not result.is_finished:
             return rows
-        if result.analysis.windows != rows[0].analysis.windows or not result.is_finished:
+        asked = result.analysis
+        if asked.windows != rows[0].analysis.windows:
             return rows
-        asked = (result.analysis.method, result.analysis.settings)
-        known = any((row.analysis.method, row.analysis.settings) == asked for row in rows)
-        return rows if known else (*rows, result)
-
-    def adequacy(self, info: SegmentInfo) -> Adequacy | None:
-        """The forms of the model on a segment, as far as they were compared there."""
-        results = filter(None, (*self.compared, self.result, self.restored))
-        known = (r.parts.adequacy for r in results if r.info.digest == info.digest)
-        return next(filter(None, known), None)
+        return rows if any(row.analysis.key == asked.key for row in rows) else (*rows, result)
 
     @property
     def runs(self) -> tuple[Entry, ...]:
@@ -201,21 +229,18 @@ class Workspace:
         entries = resources.store().entries(session=self.id)
         return tuple(entry for entry in entries if not entry.fault)
 
-    def as_snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Result:
+    def as_snapshot(self, name: str = "", note: str = "") -> Result:
         """The current result with all that the session knows of it.
 
         Raises:
-            SnapshotError: where there is no result, or its data are not open.
+            SnapshotError: where there is no result.
         """
         result, restored = self.result, self.restored
-        if result is None or not result.segments:
-            raise SnapshotError("There is no result with its data to save; train on a window.")
+        if result is None:
+            raise SnapshotError("There is no result to save; train on a window.")
         facts = result.facts or (restored.facts if restored else {})
-        parts = replace(
-            result.parts, adequacy=self.adequacy(result.info), judgements=self.judgements or None
-        )
-        whole = replace(result, parts=parts, facts=facts, compared=self.compared)
-        return named(whole, name, note, with_data)
+        whole = replace(result, facts=facts, compared=self.compared, judgements=self.judgements)
+        return prepare_snapshot(whole, name, note)
 
     # Steps
 
@@ -236,7 +261,8 @@ class Workspace:
             asked, starts = replace(awaited, windows=(awaited.window,)), _starts(awaited)
         else:
             window, starts = first_window(recording, complete_windows(recording, vehicles)), None
-            asked = Analysis.of(recording, (window,), vehicles, model=self.asked.model)
+            asked = Analysis.of(recording, (window,), vehicles)
+        self._leave_recording()
         self.recording = recording
         self.segment = self.validation = None
         self.remember(recording)
@@ -257,21 +283,29 @@ class Workspace:
         self._leave()
         given = recording or self.recording
         result = result.found_in(given)
+        if result.recording is not self.recording:
+            self._leave_recording()
         self.recording = given if result.recording else None
         if self.recording:
             self.remember(self.recording)
         self.segment, self.fault = result.segment, ""
-        self.choose_source("fit")
+        self.choose_source("estimate")
         self.restored, self.steps = result, ()
         self.take(result.analysis)
 
     def take(self, asked: Analysis) -> None:
-        """Choose all that an analysis asks; a method other than the PiNN has no preset."""
+        """Choose all that an analysis asks, as far as page Train offers its method."""
         self.asked = replace(asked, windows=(asked.window,))
         self.window_starts = _starts(asked)
-        with suppress(ConfigError):
-            config = PinnConfig.from_json(asked.settings)
-            self.preset, self.settings[config.preset] = config.preset, config.changes()
+        if asked.method == "pinn":
+            with suppress(ConfigError):
+                config = PinnConfig.from_json(asked.settings)
+                self.preset, self.settings[config.preset] = config.preset, config.changes()
+        elif asked.has_posterior:
+            self.preset = "calibrated"
+        else:
+            return
+        self.specs[self.preset] = asked.spec
 
     def choose(self, window: Window | None = None, **changes: Any) -> None:
         """Change the window or other parts of what is asked; earlier results become rows.
@@ -302,48 +336,67 @@ class Workspace:
     def undo(self) -> None:
         """Take back the last change of the segment; what was learned before it is shown again."""
         *steps, (asked, starts, result) = self.steps
-        self._ask(replace(asked, model=self.asked.model))
+        self._ask(asked)
         self.window_starts, self.restored, self.steps = starts, result, tuple(steps)
 
     def choose_model(self, model: str) -> None:
-        """Choose the answer's model, by its key; results stay."""
-        self.asked = replace(self.asked, model=model)
+        """Choose the model of the present preset, by its key; results stay."""
+        self.specs[self.preset] = ModelSpec(model)
 
-    def train(self, config: PinnConfig, anew: bool = False) -> None:
-        """Queue a training of the segment; ``anew``: from no checkpoint of an earlier one."""
-        asked = self.training_analysis(config)
+    def train(self, anew: bool = False) -> None:
+        """Queue a training of the windows; ``anew``: from no checkpoint of an earlier one.
+
+        Raises:
+            ConfigError: a setting outside its range, or a model that the preset cannot have.
+        """
+        asked = self.analysis()
         if asked and self.segment:
             if not (self.restored and self.restored.id):
                 self.restored = self.result
             self._record([self.result])
-            self.choose_source("fit")
+            self.choose_source("estimate")
             task = training_task(
                 self.id, asked, self.recording, resources.store(), self._data, anew
             )
             self.training = resources.task_queue().submit(task)
 
+    def estimate_car(self, vehicle: int, model: str) -> None:
+        """Queue the estimate of one follower alone, in its own windows in car-following."""
+        recording, pair = self.recording, (vehicle - 1, vehicle)
+        if recording is None:
+            return
+        windows = resources.windows_in_car_following(recording, pair) or self.windows
+        asked = Analysis.of(recording, windows, pair, excluded=self.asked.excluded, model=model)
+        kind = f"estimate of {recording.label(vehicle)}"
+        task = training_task(self.id, asked, recording, resources.store(), kind=kind)
+        self.cars[vehicle] = resources.task_queue().submit(task)
+        self.choose_source("several")
+
     @property
-    def compared_segment(self) -> Segment | None:
-        """What the methods are compared on: the chosen window, or the first one of several."""
-        several = self.several_windows
-        if several and self.recording:
-            return self._segment_of(self.recording, several[0])
-        return self.segment
+    def own_results(self) -> dict[int, Result]:
+        """The finished results of followers estimated alone, by number."""
+        known = {vehicle: task.result for vehicle, task in self.cars.items()}
+        return {k: result for k, result in known.items() if result and result.is_finished}
+
+    @property
+    def _data(self) -> Segments:
+        """The data of a task where there is no recording to cut them from."""
+        return () if self.recording else self.segments
 
     def _segment_of(self, recording: Recording, window: Window) -> Segment:
         return resources.segment_of(recording, window, self.asked.vehicles, self.asked.excluded)
 
     def compare(self) -> None:
-        """Queue all methods on one window."""
-        asked = self.analysis(PinnConfig(), self.several_windows[:1])
+        """Queue all methods on the windows."""
+        asked = self.analysis(PRESETS["calibrated"])
         if asked and self.segment:
             self._record(self.compared)
-            task = comparison_task(self.id, asked, self.recording, self._data)
+            task = comparison_task(self.id, asked, self.recording, self.segments)
             self.comparison = resources.task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
-        """Queue a training on the same window from each of five initial values."""
-        asked = self.analysis(config, self.several_windows[:1])
+        """Queue a training on the windows from each of five initial values."""
+        asked = self.analysis(config)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
             self.starts = resources.task_queue().submit(task)
@@ -367,40 +420,51 @@ class Workspace:
     @property
     def judgements(self) -> tuple[Judgement, ...]:
         """What was judged, now or with the result; empty before that."""
-        known = self.result.parts.judgements if self.result else None
-        return (self.judgement and self.judgement.result) or known or ()
+        known = self.result.judgements if self.result else ()
+        return (self.judgement and self.judgement.result) or known
 
     def keep_judgements(self) -> None:
         """Keep what was judged with the result; a snapshot's does not enter the store."""
-        result = self.result
-        if result and result.parts.judgements != self.judgements:
-            result.parts.judgements = self.judgements
-            if result.is_finished and not result.id:
-                resources.store().keep(result)
+        result, judged = self.result, self.judgements
+        if not result or result.id or judged in (result.judgements, self.kept_judgements):
+            return
+        self.kept_judgements = judged
+        if result.is_finished:
+            resources.store().keep(replace(result, judgements=judged))
 
     @property
     def tasks(self) -> tuple[Task[Any], ...]:
-        """All that were asked for on this segment."""
+        """All that were asked for."""
+        return (*self._of_segment, *self.cars.values())
+
+    @property
+    def _of_segment(self) -> tuple[Task[Any], ...]:
         every = (self.training, self.comparison, self.starts, self.judgement)
         return tuple(task for task in every if task)
 
     def _leave(self) -> None:
-        """Make rows of the present results, and end what still runs.
+        """Make rows of the present results, and end what still runs on this segment.
 
         A training that is stopped leaves its checkpoint, from which an equal one goes on.
         """
         self._record([*self.compared, self.result])
         self.chosen_source = self.parameter_source
-        for task in self.tasks:
+        for task in self._of_segment:
             task.stop()
         self.training = self.comparison = self.starts = self.judgement = self.restored = None
+
+    def _leave_recording(self) -> None:
+        """Forget the cars of the recording."""
+        for task in self.cars.values():
+            task.stop()
+        self.cars = {}
 
     def _record(self, results: Sequence[Result | None]) -> None:
         """Keep results as rows, in place of earlier ones of equal analyses."""
         for result in filter(None, results):
             key = result.analysis.key
             others = [row for row in self.earlier if row.analysis.key != key]
-            self.earlier = (*others, result.as_row())[-KEPT_EARLIER:]
+            self.earlier = (*others, result)[-KEPT_EARLIER:]
 
     # Parameters of pages Stability and Platoon
 
@@ -408,7 +472,7 @@ class Workspace:
     def parameter_source(self) -> ParameterSource:
         """Where the parameters on Stability and Platoon are from: as chosen, or a newer result."""
         is_newer = self.result is not None and self.result is not self.source_result
-        return "fit" if is_newer else self.chosen_source
+        return "estimate" if is_newer else self.chosen_source
 
     def choose_source(self, source: ParameterSource) -> None:
         """Choose where those parameters are from, until there is a newer result."""
