@@ -292,7 +292,7 @@ def report(result: Result, path: str | os.PathLike[str], curves: bool = True) ->
     from accpinn.results.report import render_report  # plotly's script is read from disk
 
     place = snapshot.writable_path(Path(path), "report")
-    page = render_report(snapshot.prepare_snapshot(result), curves=curves)
+    page = render_report(snapshot.prepare_snapshot(result), with_curves=curves)
     return snapshot.write_file(page.encode(), place, "report")
 
 

@@ -10,12 +10,12 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import ALL, CASE, METHODS_HELP, named_keys
+from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.methods.registry import METHODS, method_of
+from accpinn.methods.registry import COMPARED, known_variant
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
@@ -32,7 +32,7 @@ KEYS = (
 )  # fmt: skip
 
 FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
-BATCH_HELP = METHODS_HELP
+BATCH_HELP = VARIANTS_HELP
 BATCH_OPTIONS = (
     option("sources", nargs="+", metavar="FOLDER|FILE", help="recordings; folders with all below"),
     option("--out", required=True, metavar="STUDY", help="folder of the results; is continued"),
@@ -41,7 +41,7 @@ BATCH_OPTIONS = (
     option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)"),
     CASE,
     option("--model", choices=FOLLOWING, default=BEST, metavar="NAME",
-           help=f"of answers ({BEST}): {', '.join(FOLLOWING)}"),
+           help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}"),
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place"),
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
@@ -65,7 +65,7 @@ def run_batch(options: argparse.Namespace) -> int:
             options.sources,
             options.out,
             window=_seconds(options.window),
-            methods=named_keys(options.methods, METHODS, method_of),
+            methods=named_keys(options.methods, COMPARED, known_variant),
             case=options.case,
             model=options.model,
             workers=options.workers,
@@ -120,7 +120,7 @@ def _batch_text(summary: BatchProgress, out: str) -> str:
 
 
 def run_table(options: argparse.Namespace) -> int:
-    """Group the answers, and print the table."""
+    """Group the estimates, and print the table."""
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     grouped = group(read_study(options.study), by, options.level)
     if not grouped.groups:

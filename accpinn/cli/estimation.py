@@ -7,7 +7,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -19,6 +19,7 @@ from accpinn.cli.options import (
     MODEL,
     RUN,
     SEGMENT,
+    VARIANTS_HELP,
     WINDOWS,
     chosen_analysis,
     chosen_store,
@@ -30,13 +31,10 @@ from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import OnProgress, Outcome, Progress
-from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
+from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import METHODS, method_of, usual_method
-from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, JUDGED, PAPER, following_model
-from accpinn.recordings import Window
+from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.results.documents import (
     describe_comparison,
     describe_fit,
@@ -45,11 +43,11 @@ from accpinn.results.documents import (
     notes,
 )
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.answer import about_answer, cards, papers_estimate
+from accpinn.results.messages.estimate import about_estimate, about_point, cards
+from accpinn.results.messages.summary import recommended_of
 from accpinn.results.tables import Table
-from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
-    intervals_table,
+    errors_table,
     judged_table,
     methods_table,
     model_form_table,
@@ -57,21 +55,21 @@ from accpinn.results.tables.estimates import (
     name_of,
     parameter_table,
     starts_table,
+    windows_table,
 )
 from accpinn.results.tables.stability import known_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
-from accpinn.segment.cut import DURATION
-from accpinn.study.comparison import Refused, Spread, answered, compare, spread_of, starts
+from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
 from accpinn.study.judge import Judgement, judge, subjects_of
 from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
-from accpinn.study.snapshot import check_texts, named, save, writable_path
+from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path
 
-_SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
+_SETTINGS = ("initial", "iterations", "lbfgs", "seed", "threads")
 """Options that only a method with settings has."""
-_KEPT = ("name", "note", "with_data")
+_KEPT = ("name", "note")
 """Options that only a snapshot has."""
 MOST_SEEDS = 100
 STARTS_HELP = fill(
@@ -81,24 +79,20 @@ STARTS_HELP = fill(
 )
 
 
-FIT_HELP = COMPARE_HELP = METHODS_HELP
+FIT_HELP, COMPARE_HELP = METHODS_HELP, VARIANTS_HELP
 FIT_OPTIONS = (
     *SEGMENT,
     WINDOWS,
     *MODEL,
-    option("--method", choices=list(METHODS), metavar="NAME",
-           help="(pinn; simulation for a model that its preset cannot estimate)"),
-    option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased"),
+    option("--method", metavar="NAME", help="(pinn; simulation for a model that is no CTHP)"),
+    option("--preset", choices=list(PRESETS),
+           help=f"of the PiNN ({DEFAULT}); fast, paper: as published, biased"),
     option("--initial", metavar="A,B,T", help="of the search: α,β,τ (1,1,1), or the model's own"),
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most"),
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset"),
     option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)"),
     *RUN,
-    option("--intervals", action="store_true",
-           help="print 90 %% intervals of the method's estimates, and what lies outside; with"
-           " --out and for maximum likelihood they are printed anyway"),
-    option("--out", metavar="SNAPSHOT", help="save the result, with its intervals, in this file"),
-    option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too"),
+    option("--out", metavar="SNAPSHOT", help="save the result, with the windows' data, in a file"),
     option("--name", default="", help="of the snapshot"),
     option("--note", default="", help="in the snapshot"),
 )  # fmt: skip
@@ -107,7 +101,7 @@ COMPARE_OPTIONS = (
     WINDOWS,
     *MODEL,
     option("--methods", default="all", metavar="all | A,B",
-           help="some of those below, on the first window (all)"),
+           help="some of those below (all)"),
     option("--models", nargs="?", const="all", metavar="all | A,B",
            help="car-following models in place of methods, each judged in windows left out: all in"
            " car-following, or those given, or blocks of one"),
@@ -124,118 +118,111 @@ STARTS_OPTIONS = (
 
 def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
-    options.method = options.method or usual_method(options.model, options.preset)
-    settings = _settings(options)
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     elif idle := [name for name in _KEPT if getattr(options, name)]:
-        listed = ", ".join(f"--{name.replace('_', '-')}" for name in idle)
-        note(f"Note: {listed} has no effect without --out.")
-    if settings and settings.preset != "calibrated":
+        note(f"Note: {', '.join(f'--{name}' for name in idle)} has no effect without --out.")
+    if options.preset not in (None, DEFAULT):
         start_loading()  # while the recording is read
-    analysis, recording = chosen_analysis(options, options.method, settings)
+    settings = _settings(options)
+    analysis, recording = chosen_analysis(options, options.method, options.preset, settings)
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)
         result = run(analysis, recording, store=chosen_store(options), context=context)
-    # The likelihood has ended where intervals begin, and a snapshot holds them anyway.
-    asked = options.intervals or options.out is not None or options.method == KEY
-    with_intervals = asked and result.fit.outcome is not Outcome.STOPPED
     try:  # before it is printed, as whoever reads that may close the pipe after the first line
         if options.out is not None:
-            about = {name: getattr(options, name) for name in _KEPT}
-            save(named(result, **about), options.out)
+            save(prepare_snapshot(result, options.name, options.note), options.out)
     finally:
-        show_result(
-            options,
-            lambda: describe_fit(result, with_intervals),
-            lambda: fit_text(result, with_intervals),
-        )
+        show_result(options, lambda: describe_fit(result), lambda: fit_text(result))
     if options.out is not None:
         note(f"Saved as {options.out}.")
-    return 130 if result.fit.outcome is Outcome.STOPPED else 0
+    return 130 if result.estimate.outcome is Outcome.STOPPED else 0
 
 
-def _settings(options: argparse.Namespace) -> PinnConfig | None:
-    """The PiNN's settings; checked for any method, used by a method that has settings."""
-    initial = options.initial
+def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
+    """The settings that the options name; None for a method without any."""
     given = {
-        "initial": None if initial is None else _initial(initial, options.model),
+        "initial": None if options.initial is None else _initial(options.initial, options.model),
         "iterations": options.iterations,
         "lbfgs_iterations": options.lbfgs,
         "seed": options.seed,
     }
-    changes = {name: value for name, value in given.items() if value is not None}
-    settings = preset(options.preset or DEFAULT, **changes)
-    if METHODS[options.method].settings:
-        return settings
-    idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
-    if idle:
+    method = recommended_method(options.model) if options.preset is None else "pinn"
+    if method_of(options.method or method).settings:
+        return {name: value for name, value in given.items() if value is not None}
+    if idle := [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]:
         note(f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting.")
     return None
 
 
-def _initial(text: str, model: str | None) -> Parameters:
-    """Initial α, β, τ, or the own parameters of a model that is no CTHP."""
+def _initial(text: str, model: str | None) -> list[float]:
+    """Initial α, β, τ, or these and the own parameters of a model that is no CTHP."""
     chosen = following_model(model or PAPER)
-    is_cthp = chosen.key in CTHPS
-    names = ("α", "β", "τ") if is_cthp else chosen.names
+    names = ("α", "β", "τ") if chosen.is_cthp else chosen.names
     try:
         values = [float(part) for _, part in zip(names, text.split(","), strict=True)]
     except ValueError:
         raise ConfigError(
             f'initial: "{text[:40]}" is not {",".join(names)}; write {len(names)} numbers.'
         ) from None
-    return Parameters(*values) if is_cthp else Parameters(*STARTS[0].complete, *values)
+    return values if chosen.is_cthp else [*STARTS[0].complete.tolist(), *values]
 
 
 @contextmanager
 def _progress_bar() -> Iterator[OnProgress]:
-    """A bar on standard error where that is a terminal: iterations, time left, Ψ, parameters."""
+    """A bar on standard error where that is a terminal: phase, time left, value, parameters."""
+    form = "{desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
     with ExitStack() as opened:
         bar: tqdm[Any] | None = None
 
         def show_progress(now: Progress) -> None:
             nonlocal bar
             bar = bar or opened.enter_context(
-                tqdm(total=now.iterations, initial=now.iteration, unit="it", file=sys.stderr,
-                     mininterval=0.2, disable=None)
-            )  # fmt: skip
-            first = now.parameters[0]
-            values = f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
-            bar.set_postfix_str(f"Ψ={now.total:.3g} {values}", refresh=False)
+                tqdm(file=sys.stderr, bar_format=form, mininterval=0.2, disable=None)
+            )
+            if now.phase != bar.desc:
+                bar.desc = now.phase
+                bar.reset()
+            bar.total = now.iterations
+            bar.set_postfix_str(", ".join(_moment(now)), refresh=False)
             bar.update(now.iteration - bar.n)
 
         yield show_progress
 
 
-def fit_text(result: Result, with_intervals: bool) -> str:
-    """The result as tables and sentences; with intervals, and what lies outside."""
-    fit, info, answer, is_joint = result.fit, result.info, result.answer, len(result.infos) > 1
-    followers = range(1 if fit.case == "I" else info.followers) if is_joint else ()
-    tables = [
-        parameter_table(result, with_intervals or is_joint),
-        *(own_windows_table(result.infos, answer, k) for k in followers),
-    ]
-    cached = ", answered from the cache" if fit.cached else ""
-    count = f"{fit.iterations} iterations in " if fit.iterations else ""
-    effort = f"{count}{fit.seconds:.1f} s{cached}"
-    told = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
-    first = [*_by_hand(info), *told]
-    said = [f"{fit.outcome.value} ({effort})", *incidents(result.evaluation, result.info)]
-    said += [f"Note: {note}" for note in notes(result, with_intervals) if note not in first]
-    return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])
+def _moment(now: Progress) -> Iterator[str]:
+    """Time left, log likelihood or loss, and the first parameters."""
+    left = now.left
+    if left is None and now.iteration:
+        left = now.seconds / now.iteration * (now.iterations - now.iteration)
+    if left is not None:
+        yield f"{tqdm.format_interval(left)} left"
+    yield f"Ψ={now.total:.3g}" if isfinite(now.total) else f"log L={now.log_likelihood:.1f}"
+    first = now.parameters[0]
+    yield f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
+
+
+def fit_text(result: Result) -> str:
+    """The result as sentences and tables."""
+    estimate, info = result.estimate, result.info
+    followers = range(1 if info.shares(estimate.case) else info.followers)
+    tables = [parameter_table(result), errors_table(result)]
+    if len(result.infos) > 1 and estimate.windows is not None:
+        tables += [windows_table(result, k) for k in followers]
+    cached = ", answered from the cache" if estimate.cached else ""
+    count = f"{estimate.iterations} iterations in " if estimate.iterations else ""
+    effort = f"{count}{estimate.seconds:.1f} s{cached}"
+    first = [*_by_hand(info), *(f"{card.lead} {card.trust}" for card in cards(result))]
+    said = [f"{estimate.outcome.value} ({effort})", *incidents(result.evaluation, info)]
+    said += [f"Note: {note}" for note in notes(result) if note not in first]
+    return "\n".join([*first, "", tables[0].to_text(), about_estimate(result), "",
+                      *_texts(tables[1:]), *said])  # fmt: skip
 
 
 def _by_hand(info: SegmentInfo) -> tuple[str, ...]:
     """What comes before all else: that a driver controls followers."""
     return (hand.sentence(info),) if (hand := info.driven_by_hand) else ()
-
-
-def _answer_texts(result: Result) -> tuple[str, ...]:
-    """The answer's table, what it means, and an empty line."""
-    table = answer_table(result.info, result.answer, result.fit.case)
-    return table.to_text(), about_answer(result.answer), ""
 
 
 def _texts(tables: Iterable[Table]) -> Iterator[str]:
@@ -245,10 +232,10 @@ def _texts(tables: Iterable[Table]) -> Iterator[str]:
 
 
 def run_compare(options: argparse.Namespace) -> int:
-    """Run the methods, and print a row for each, with intervals and errors of both kinds."""
+    """Run the methods, and print a row for each, with errors of both kinds."""
     if options.models:
         return run_judge(options)
-    methods = named_keys(options.methods, METHODS, method_of)
+    methods = named_keys(options.methods, COMPARED, known_variant)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(
@@ -258,36 +245,35 @@ def run_compare(options: argparse.Namespace) -> int:
     refused = tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
     if not results:
         raise refused[0].fault
-    whole = answered(results[0], analysis, recording)
-    found = whole, results, refused
+    found = results, refused
     show_result(options, lambda: describe_comparison(*found), lambda: _comparison_text(*found))
     return 0
 
 
-def _comparison_text(
-    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...]
-) -> str:
-    first, info = results[0], results[0].info
-    each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(whole)
-    subject, models = known_vehicles(whole), {r.fit.model: r for r in reversed(results)}
+def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) -> str:
+    best = recommended_of(results)
+    first, info = best or results[0], results[0].info
+    each, forms = range(info.followers), first.adequacy.forms
+    recommended = [parameter_table(best).to_text(), about_estimate(best), ""] if best else []
+    subject = known_vehicles(first)
     tables = [
-        *(methods_table(info, results, k) for k in each),
-        *map(intervals_table, reversed(models.values())),
+        *(methods_table(results, k, best) for k in each),
         *([known_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]
+    points = [(name_of(r.estimate), about_point(r.estimate)) for r in results]
     said = [
-        *(f"{name_of(r.fit)}: {said}." for r in results if (said := papers_estimate(r.fit))),
+        *(f"{name}: {point}." for name, point in points if point),
         *(f"{row.method} has no result: {row.fault}" for row in refused),
         *messages((*info.findings, *first.weaknesses), info),
         *(
-            f"{result.fit.method}: {sentence}"
+            f"{result.estimate.method}: {sentence}"
             for result in results
             for sentence in incidents(result.evaluation, info)
         ),
-        *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
+        *messages(first.adequacy.findings, info),
     ]
-    return "\n".join([*_by_hand(info), *answer, *_texts(tables), *said])
+    return "\n".join([*_by_hand(info), *recommended, *_texts(tables), *said])
 
 
 def run_judge(options: argparse.Namespace) -> int:
@@ -296,8 +282,8 @@ def run_judge(options: argparse.Namespace) -> int:
     Every window in car-following is left out in turn, unless windows are given: then those, or
     blocks of a few.
     """
-    models = named_keys(options.models, JUDGED, following_model)
-    usual = dict[str, Any](leave_out=(), hold=[], model=None, methods="all", case="II")
+    models = named_keys(options.models, JUDGED, lambda key: following_model(key).key)
+    usual = dict[str, Any](leave_out=(), fixed=[], model=None, methods="all", case="II")
     if idle := [n for n, default in usual.items() if (getattr(options, n) or default) != default]:
         listed = joined([f"--{name.replace('_', '-')}" for name in idle])
         raise ConfigError(
@@ -305,9 +291,9 @@ def run_judge(options: argparse.Namespace) -> int:
             f" {listed} out."
         )
     asked, recording = chosen_analysis(options)
-    one = Window(options.start, options.start + options.duration)
-    is_usual = options.windows in (None, AUTO) and one == Window(0.0, DURATION)
-    subjects = subjects_of(recording, asked.vehicles, () if is_usual else asked.windows)
+    is_given = options.windows not in (None, AUTO)
+    is_given |= options.start is not None or options.duration is not None
+    subjects = subjects_of(recording, asked.vehicles, asked.windows if is_given else ())
     with interruptible() as stopped:
         rounds = judge(subjects, models, stopped.is_set)
         bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)
@@ -338,10 +324,8 @@ def run_starts(options: argparse.Namespace) -> int:
             f"seeds: {options.seeds} is not allowed; choose 1 to {MOST_SEEDS}, each of which is"
             f" {len(STARTS)} trainings."
         )
-    config = preset(options.preset)
-    if options.iterations is not None:
-        config = replace(config, iterations=options.iterations)
-    analysis, recording = chosen_analysis(options, "pinn", config)
+    settings = {} if options.iterations is None else {"iterations": options.iterations}
+    analysis, recording = chosen_analysis(options, "pinn", options.preset, settings)
     asked = list(starts(analysis, seeds=range(options.seeds)))
     context, store = TaskContext(threads=options.threads), chosen_store(options)
     bar = tqdm(asked, unit="training", file=sys.stderr, disable=None)

@@ -44,13 +44,15 @@ def _of_snapshot(use: str, usual: Seconds) -> tuple[Option, ...]:
 
 
 VERIFY_OPTIONS = (
-    *_of_snapshot("run the methods again and check the errors where it has no data", PATIENCE),
+    *_of_snapshot("compare its data, too", PATIENCE),
     JSON,
 )
 REPORT_OPTIONS = (
-    *_of_snapshot("draw its data too, where they are not in the snapshot", PROMPT),
+    *_of_snapshot("compare its data, and simulate outside its windows", PROMPT),
+    option("--no-curves", dest="curves", action="store_false",
+           help="neither measured nor fitted series, from which the data could be read again"),
     option("-o", "--out", metavar="HTML", help="the page to write (beside the snapshot)"),
-)
+)  # fmt: skip
 EXPORT_HELP = "With --json: a parameter card, with intervals, provenance and attribution."
 EXPORT_OPTIONS = (
     option("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip)"),
@@ -127,7 +129,7 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     info = snapshot.info
     about = [
         snapshot.name,
-        f"{info.source}, {info.window}, {snapshot.fit.method}",
+        f"{info.source}, {info.window}, {snapshot.estimate.method}",
         snapshot.created,
     ]
     cures = {check.cure: None for check in verification.unchecked if check.cure}
@@ -153,7 +155,7 @@ def run_report(options: argparse.Namespace) -> int:
             f" {snapshot.info.source}, whose SHA-256 begins with {snapshot.info.sha256[:8]}."
         )
     checked = verify(snapshot, recording, refit_within=_patience(options, PROMPT))
-    page = render_report(snapshot.found_in(recording), checked)
+    page = render_report(snapshot.found_in(recording), checked, with_curves=options.curves)
     write_file(page.encode(), real, "report")
     show(str(place))
     if checked.ok:

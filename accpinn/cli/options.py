@@ -3,12 +3,13 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 from accpinn.api import analyse
 from accpinn.cli.recordings import JSON, RECORDING, chosen_recording, option
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods.registry import METHODS, VARIANTS
+from accpinn.methods.registry import COMPARED, METHODS, VARIANTS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER
 from accpinn.recordings import Recording, Window
 from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
@@ -78,13 +79,15 @@ RUN = (
 METHODS_HELP = "\n".join(
     ["methods:", *(f"  {key:<16} {method.summary}" for key, method in METHODS.items())]
 )
-VARIANTS_HELP = f"{METHODS_HELP}\n\nside by side: {', '.join(VARIANTS)}"
+VARIANTS_HELP = "\n\n".join(
+    [METHODS_HELP, fill(f"Of --methods: {', '.join(VARIANTS)}. All are {', '.join(COMPARED)}.")]
+)
 
 
-def named_keys(text: str, every: Iterable[str], of: Callable[[str], Any]) -> tuple[str, ...]:
-    """Keys that a text as "all" or "a,b" names, each once; a registry refuses unknown ones."""
+def named_keys(text: str, every: Iterable[str], of: Callable[[str], str]) -> tuple[str, ...]:
+    """Keys that a text as "all" or "a,b" names, each once; ``of`` refuses unknown ones."""
     keys = every if text == ALL else (part.strip() for part in text.split(","))
-    return tuple(of(key).key for key in dict.fromkeys(keys))
+    return tuple(dict.fromkeys(map(of, keys)))
 
 
 def chosen_analysis(

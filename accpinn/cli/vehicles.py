@@ -14,7 +14,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import against_answer, assumption
+from accpinn.results.messages.estimate import assumption, contradictions
 from accpinn.results.messages.platoon import (
     disturbance,
     growth_of,
@@ -38,8 +38,7 @@ MOST_VEHICLES = 100
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
 STABILITY_OPTIONS = (
-    option("file", nargs="?", metavar="SNAPSHOT", help="take the answer that a snapshot holds"
-           " instead"),
+    option("file", nargs="?", metavar="SNAPSHOT", help="take the estimate of a snapshot instead"),
     *(option(f"--{parameter.key}", type=float, nargs="+", metavar=parameter.key[0].upper(),
              help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle")
       for parameter in PARAMETERS),
@@ -116,7 +115,7 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
     """The report as the command-line contract has it."""
     report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
-    gains = snapshot.measured_gains if snapshot and snapshot.segments else [None] * len(numbers)
+    gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
     known = subject.uncertainty
     checks = {c.vehicle: c for c in subject.checks}
     return {
@@ -181,9 +180,9 @@ def _report_text(subject: KnownVehicles) -> str:
     vehicles, lines = subject.vehicles, [known_table(subject).to_text(), ""]
     if subject.uncertainty:
         lines.append(headline(subject))
-    if stored := subject.result and subject.result.known_answer:
-        lines.append(assumption(stored))
-    lines += against_answer(subject.result)
+    if subject.result:
+        lines.append(assumption(subject.result))
+    lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
     for k, (label, said) in enumerate(reasons(subject)):
         for verdict, why in said:
@@ -203,7 +202,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     order = _order(len(vehicles), options.vehicles)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     cast = Cast(vehicles, tuple(order))
-    warnings = (*messages(result.findings, cast), *against_answer(subject.result))
+    warnings = (*messages(result.findings, cast), *contradictions(subject.result))
 
     def document() -> dict[str, Any]:
         waves, grows = result.amplitudes, growth_of(subject, cast, result)

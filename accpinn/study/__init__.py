@@ -17,7 +17,8 @@ from typing import Any, Self
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.model.registry import BEST
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
@@ -61,12 +62,18 @@ class Analysis:
     case: Case = "II"
     excluded: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation."""
-    spec: ModelSpec = PAPER_SPEC
+    spec: ModelSpec = ModelSpec(BEST)
     """The model whose parameters are estimated, and what is fixed of it."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""
     settings: dict[str, Any] = field(default_factory=dict)
-    """All settings of the method, seed included, ready for JSON; empty for one without any."""
+    """All settings of the method, seed included, ready for JSON; empty for one without any. Where
+    none are given they are the defaults."""
+
+    def __post_init__(self) -> None:
+        """Take the method's default settings where none are given."""
+        if not self.settings and self.method in METHODS:
+            object.__setattr__(self, "settings", _settings(self.method, None))
 
     @classmethod
     def of(

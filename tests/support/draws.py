@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from accpinn.inference import answer, intervals, population, posterior, window_posterior
+from accpinn.inference import population, posterior, typical, window_posterior
 from accpinn.methods.pinn import training
 
 Draws = tuple[tuple[int, ...], int, int, int]
@@ -22,10 +22,9 @@ def take(draws: Draws) -> Draws:
     global taken
     before, taken = taken, draws
     posterior.STAGES, posterior.FURTHER, population.BURN, kept = draws
-    population.KEPT = answer.KEPT = kept
+    population.KEPT = typical.KEPT = kept
     os.environ[PRELOAD] = "tests.support.draws" if draws == FEW else ""
-    of_windows = window_posterior.window_posterior, window_posterior.sampled
-    for known in (intervals.shared, *of_windows, answer._answer):
+    for known in (window_posterior.window_posterior, window_posterior.sampled):
         known.cache_clear()
     return before
 

@@ -2,14 +2,17 @@
 
 from typing import Any
 
-from accpinn import METHODS, Case, Fit, PinnConfig, Segment
 from accpinn.methods import TaskContext
-from accpinn.methods.pinn.config import FAST
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.pinn.config import FAST, PinnConfig, preset
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
+from accpinn.segment import Segment
 
 RIVALS = {key: method.fit for key, method in METHODS.items() if not method.settings}
 """Every method but the network, which takes longer."""
-WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
+WEIGHTED = preset("fast", weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 """The network's loss with another weight for every term."""
 
 
@@ -19,6 +22,6 @@ def train(
     config: PinnConfig = FAST,
     spec: ModelSpec = PAPER_SPEC,
     **context: Any,
-) -> Fit:
-    """The network's fit; ``context`` as in `TaskContext`."""
+) -> Estimate:
+    """The network's estimate; ``context`` as in `TaskContext`."""
     return METHODS["pinn"].fit(segment, case, config, TaskContext(**context), spec)

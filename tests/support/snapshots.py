@@ -9,11 +9,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import Fit
+from accpinn.methods.estimate import Estimate
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings import Recording, Window
@@ -22,8 +21,8 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.serial import Arrays, dump
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import compare
-from accpinn.study.result import Parts, Result
-from accpinn.study.run import estimate, fit_windows, run
+from accpinn.study.result import Result, result_of
+from accpinn.study.run import analysis_of, estimate, run
 from accpinn.study.snapshot import (
     ARRAYS,
     DOCUMENT,
@@ -31,7 +30,7 @@ from accpinn.study.snapshot import (
     MANIFEST,
     SCHEMA,
     _digest,
-    named,
+    prepare_snapshot,
     to_bytes,
 )
 from tests.support.driving import driven
@@ -57,15 +56,16 @@ def asked_of(
 def result_for(
     segment: Segment, method: str = "least-squares", settings: Any = None, case: Case = "II"
 ) -> Result:
-    """A method's answer for such a segment."""
+    """A method's result for such a segment."""
     context = TaskContext(threads=1)
-    return estimate(asked_of(segment, method, settings, case), (segment,), context=context)
+    asked = asked_of(segment, method, settings, case)
+    return result_of(asked, (segment,), estimate(asked, (segment,), context=context))
 
 
 @cache
 def small() -> Result:
     """A short window with its data, and least squares."""
-    return named(result_for(driven(duration=20.0, step=0.5)), "small", with_data=True)
+    return prepare_snapshot(result_for(driven(duration=20.0, step=0.5)), "small")
 
 
 @cache
@@ -74,30 +74,29 @@ def small_bytes() -> bytes:
 
 
 def altered(
-    result: Result, *, fit: Fit | None = None, info: SegmentInfo | None = None, **parts: Any
+    result: Result,
+    *,
+    info: SegmentInfo | None = None,
+    estimate: Estimate | None = None,
+    **changes: Any,
 ) -> Result:
-    """A result with another fit, another description of its window, or other parts."""
-    return replace(
-        result,
-        fits=(fit or result.fit,),
-        infos=(info or result.info,),
-        parts=replace(result.parts, **parts),
-    )
+    """A result with another estimate, another description of its window, or other fields of it."""
+    changed = replace(estimate or result.estimate, **changes)
+    return replace(result, estimate=changed, infos=(info or result.info,))
 
 
 def missing_the_drive(result: Result) -> tuple[Result, str]:
-    """With an answer that does not reproduce its first follower's drive, and what is said of it."""
-    first, *others = result.answer.trust
-    missed = structs.replace(first, rmse=2.0 * first.deviation)
-    answer = replace(result.answer, trust=(missed, *others))
-    return altered(result, answer=answer), missed.in_words[1:]
+    """With parameters that do not reproduce the first follower's drive, and what is said of it."""
+    values = result.parameters.everything.copy()
+    values[0, 2] *= 2.0  # τ
+    missed = altered(result, parameters=Parameters.of(values))
+    return missed, missed.trust[0].in_words[1:]
 
 
 def with_parameters(result: Result, factors: Sequence[float]) -> Result:
-    """With other parameters, and all that follows from them."""
-    fit = replace(result.fit, parameters=Parameters.of(result.parameters.values * factors))
-    forged = replace(result, fits=(fit,), parts=Parts(), compared=())
-    return named(forged, with_data=True)
+    """With other parameters, and so all that follows from them."""
+    forged = altered(result, parameters=Parameters.of(result.parameters.values * factors))
+    return prepare_snapshot(replace(forged, compared=()))
 
 
 def numbered(number: int, result: Result | None = None) -> Result:
@@ -115,26 +114,35 @@ def platoon() -> Recording:
 
 @cache
 def trained() -> Result:
-    """The PiNN's answer for the synthetic platoon."""
-    asked = Analysis.of(platoon(), [Window(0.0, 60.0)], settings=preset("fast", iterations=20))
+    """The PiNN's result for the synthetic platoon, by the preset fast."""
+    quick = preset("fast", iterations=20)
+    asked = Analysis.of(platoon(), [Window(0.0, 60.0)], method="pinn", settings=quick)
     return run(asked, platoon(), context=TaskContext(threads=1))
 
 
 @cache
 def whole() -> Result:
-    """The same with the network, a comparison and the data, as a snapshot has it."""
+    """The same with a comparison, as a snapshot has it."""
     quick = ("least-squares", "savitzky-golay")
     outcomes = compare(trained().analysis, platoon(), quick)
     compared = tuple(row for row in outcomes if isinstance(row, Result))
-    return named(replace(trained(), compared=compared), "whole", NOTE, with_data=True)
+    return prepare_snapshot(replace(trained(), compared=compared), "whole", NOTE)
+
+
+@cache
+def recommended() -> Result:
+    """The recommended method's result for the synthetic platoon, with its posterior."""
+    asked = Analysis.of(platoon(), [Window(0.0, 60.0)], "1-3")
+    return run(asked, platoon(), context=TaskContext(threads=1))
 
 
 @cache
 def two_windows() -> Result:
-    """One parameter set over two windows, with their data."""
+    """The recommended estimate of two windows."""
     segment = driven(duration=60.0, step=0.5, noise=0.05)
     halves = segment.part(0, 60), segment.part(60, segment.samples)
-    return named(fit_windows(halves), "two", with_data=True)
+    asked = analysis_of(halves, asked_of(halves[0], "pinn"))
+    return prepare_snapshot(result_of(asked, halves, estimate(asked, halves)), "two")
 
 
 def delayed(vehicle: int = 2) -> Adequacy:

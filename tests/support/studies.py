@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.methods.registry import variant_of
 from accpinn.recordings import Window
 from accpinn.study import Analysis, Source
 from accpinn.study.groups import POSTERIOR
@@ -24,7 +25,7 @@ ERRORS = (0.1, 0.1, 0.03, 0.5, 0.05)
 def row(make: str | None, **changes: Any) -> dict[str, Any]:
     """One row; what is not given is unknown."""
     cells: dict[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
-    cells |= {"campaign": "X", "name": make, "make": make, "method": "maximum-likelihood"}
+    cells |= {"campaign": "X", "name": make, "make": make, "method": "pinn"}
     for name, value in (("alpha", 0.1), ("beta", 0.2), ("tau", 1.0)):
         cells |= {name: value, f"{name}_low": 0.9 * value, f"{name}_high": 1.1 * value}
     cells |= {"sha256": "a", "leader": 1, "vehicle": 2}
@@ -58,7 +59,8 @@ def analysis(
 ) -> Analysis:  # fmt: skip
     """A window of 60 s of one follower."""
     source = Source(file, sha256 or f"sha256 of {file}", None, "data")
-    return Analysis(source, (vehicle - 1, vehicle), (Window(start, start + 60),), method=method)
+    asked = Analysis(source, (vehicle - 1, vehicle), (Window(start, start + 60),))
+    return asked.with_method(*variant_of(method))
 
 
 def write_study(folder: Path, *given: dict[str, Any]) -> Path:

@@ -163,7 +163,9 @@ class Column:
         sign = "*"
         if isinstance(cell, Marked):
             why, sign, cell = cell.why, cell.mark, cell.cell
-        value, ends = self._with_interval(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
+        value, ends = (
+            self._with_interval(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
+        )
         if not isinstance(cell, str):
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:

@@ -1,9 +1,11 @@
-"""Estimates as tables, in the manner of the paper's Tables I to III, and models side by side."""
+"""An estimate as a table, and estimates, models and windows side by side.
+
+Intervals stand where an estimate has a posterior; without one its values stand alone.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
-from math import nan
+from math import isnan, nan
 
 import numpy as np
 
@@ -12,11 +14,11 @@ from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.estimate import Fit, Outcome
+from accpinn.methods.estimate import SPEEDS, Estimate, Outcome, Span, Undetermined
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, value_of
+from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, time_gap, value_of
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -24,8 +26,7 @@ from accpinn.results.tables import (
     Marked,
     Range,
     Table,
-    estimate_cells,
-    percent_cells,
+    interval_cells,
 )
 from accpinn.results.vehicles import ALL_OF_IT, by_hand, where
 from accpinn.segment import SegmentInfo
@@ -34,13 +35,13 @@ from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, beyond, wins
 from accpinn.study.result import Result
-from accpinn.units import Quantity, MetresPerSecond
+from accpinn.units import MetresPerSecond, Quantity
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
-    Column("s₀", "m", 1, key="s0", may_be_held=True),
-    Column("λ", "s", 2, key="lag", may_be_held=True),
-    Column("d", "s", 2, key="delay", may_be_held=True),
+    Column("s₀", "m", 1, key="s0", may_be_fixed=True),
+    Column("λ", "s", 2, key="lag", may_be_fixed=True),
+    Column("d", "s", 2, key="delay", may_be_fixed=True),
 )
 """Terms beside the CTHP, in the order of `cthp.TERMS`."""
 OWN_DIGITS = 3
@@ -48,23 +49,29 @@ OWN_DIGITS = 3
 GAP_MAE = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
+ALL_WINDOWS = "All windows"
+"""The label of the estimate below those of single windows."""
 DRIVER = "Driver"
-PROBABILITY = "Probability of string stability"
 AGAINST = "Difference from the CTHP"
 LEAST = "the least value that is sought: it may be less"
+EXTRAPOLATED = "extrapolated: no window holds this speed"
+UNDETERMINED = "not determined"
+"""Stands in place of a value about which the data say hardly more than the prior."""
 MODEL, LEFT_OUT = Column("Model", key="model"), "In windows left out"
+COMPARED = ("α", "β", "time gap")
+"""By what estimates under different models are compared; the time gap is at the median speed."""
 TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
 
-def name_of(fit: Fit, with_model: bool = True) -> str:
-    """The title of a fit's method, and in brackets what distinguishes it from others of it."""
-    method = METHODS.get(fit.method)
+def name_of(estimate: Estimate, with_model: bool = True) -> str:
+    """The title of an estimate's method, and in brackets what distinguishes it from others."""
+    method = METHODS.get(estimate.method)
     if method is None:
-        return fit.method
-    said = [method.variant(fit.config)] if method.variant else []
-    said += [_brief(fit.model)] if with_model and fit.model != PAPER else []
-    said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
+        return estimate.method
+    said = [method.variant(estimate.settings)] if method.variant else []
+    said += [_brief(estimate.model)] if with_model and estimate.model != PAPER else []
+    said += ["stopped"] if estimate.outcome is Outcome.STOPPED else []
     return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
@@ -73,6 +80,148 @@ def _brief(key: str) -> str:
     model = FOLLOWING[key]
     beside = [parameter.symbol for parameter in model.parameters if parameter.name in model.terms]
     return f"with {joined(beside)}" if beside and model.is_cthp else model.title
+
+
+# The parameters of one estimate
+
+
+def parameter_table(result: Result) -> Table:
+    """One row a follower, or one for all that share their parameters.
+
+    The columns are time gaps in equilibrium and the model's parameters; where there is a posterior
+    they have intervals, and the last column is that of the time gap in a further window.
+    """
+    estimate, info = result.estimate, result.info
+    numbers, last = parameter_rows(info, estimate.case), estimate.stated_speed
+    followers, level = range(len(numbers)), estimate.level
+    known = f" ({100 * level:.0f} % interval)" if level else ""
+    gaps, own = f"Time gap{known}", f"Parameters{known}"
+    at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
+    filled: list[Filled] = [(Column("Follower"), row_labels(info, numbers))]
+    for speed in SPEEDS:
+        spans = [(estimate.time_gap(speed, k), estimate.is_driven(speed, k)) for k in followers]
+        filled.append((gap_column(speed, gaps, "at"), [gap_cell(*pair) for pair in spans]))
+    medians = [estimate.time_gap(float(estimate.speeds[k]), k) for k in followers]
+    filled.append((at_median, [gap_cell(span) for span in medians]))
+    unknown = [_undetermined(estimate, number) for number in numbers]
+    for name, column in columns_of(estimate.model).items():
+        cells = [
+            UNDETERMINED if column.title in unknown[k] else _parameter_cell(estimate, name, k)
+            for k in followers
+        ]
+        filled.append((replace(column, group=own), cells))
+    if level:
+        further = [estimate.time_gap(last, k) for k in followers]
+        column = gap_column(last, f"Further window ({100 * level:.0f} %)", key="further_")
+        filled.append((column, [Range(s.further_lower, s.further_upper) for s in further]))
+    return Table.of(
+        f"{estimate.spec.in_words} by {name_of(estimate, with_model=False)},"
+        f" {where(info, estimate.case, result.infos)}",
+        filled,
+    )
+
+
+def gap_column(
+    speed: MetresPerSecond, group: str = "", title: str = "Time gap at", key: str = ""
+) -> Column:
+    """The time gap in equilibrium at a speed; ``key`` goes before its name in CSV files."""
+    at = f"{speed * 3.6:.0f}"
+    return Column(f"{title} {at} km/h", "s", 2, group, key=f"{key}time_gap_at_{at}_kmh_s")
+
+
+def gap_cell(span: Span, is_driven: bool = True) -> Cell:
+    """A time gap, with its interval where there is one, marked where no window holds its speed."""
+    shown = _known(span)
+    return shown if is_driven or isnan(span.value) else Marked(shown, EXTRAPOLATED)
+
+
+def _known(span: Quantity) -> float | Quantity:
+    """A value with its interval, or alone where there is none."""
+    return span.value if isnan(span.lower) else span
+
+
+def _parameter_cell(estimate: Estimate, name: str, follower: int) -> Cell:
+    """One parameter of one follower (0 for the first)."""
+    span, fixed = estimate.span(name, follower), dict(estimate.spec.fixed)
+    if name in fixed:
+        return Quantity(span.value, span.value, span.value)
+    return _known(span) if isnan(span.lower) else _marked_at_least(estimate.model, name, span)
+
+
+def _undetermined(estimate: Estimate, number: int) -> set[str]:
+    """Symbols of a vehicle's parameters that the data do not determine; 0 for all followers."""
+    findings = [found for found in estimate.findings if isinstance(found, Undetermined)]
+    return {symbol for f in findings if f.vehicle in (0, number) for symbol in f.symbols}
+
+
+def _marked_at_least(model: str, name: str, cell: Quantity) -> Cell:
+    """A parameter with its interval; a lag or delay at the least that is sought has a mark."""
+    if name not in ("lag", "delay") or not cell.lower < cell.upper:
+        return cell
+    if FOLLOWING[model].is_cthp:
+        least = EXTRA["lag" if name == "lag" else "delay"].lower
+    else:
+        least = next(p.lower for p in FOLLOWING[model].parameters if p.name == name)
+    return Marked(cell, LEAST, "†") if cell.value <= least + 1e-9 else cell
+
+
+def _with_legend(caption: str, filled: Sequence[Filled]) -> Table:
+    """A table whose caption says what "†" means, where a cell has it."""
+    cells = (cell for _, column in filled for cell in column)
+    is_marked = any(isinstance(cell, Marked) and cell.why == LEAST for cell in cells)
+    return Table.of(f"{caption} (†: {LEAST})" if is_marked else caption, filled)
+
+
+def windows_table(result: Result, follower: int) -> Table:
+    """One row a window: what it alone says of one follower (0 for the first); below, all of them.
+
+    It is for an estimate that has its windows' own values.
+    """
+    estimate, info, known = result.estimate, result.info, result.posterior
+    windows, speed, level = estimate.windows, estimate.stated_speed, estimate.level
+    assert windows is not None  # as the caller knows
+    gaps: Sequence[Cell] = time_gap(estimate.model, windows, speed)[:, follower].tolist()
+    if known:
+        gaps = interval_cells(gaps, *known.windows_gap[:, :, follower])
+    group = f"Parameters ({100 * level:.0f} % interval)" if level else "Parameters"
+    filled: list[Filled] = [
+        (Column("Window"), [*(str(part.window) for part in result.infos), ALL_WINDOWS]),
+        (gap_column(speed), [*gaps, gap_cell(estimate.time_gap(speed, follower))]),
+    ]
+    parts = (windows, known.windows_lower, known.windows_upper) if known else (windows,)
+    for name, column in columns_of(estimate.model).items():
+        of = (value_of(estimate.model, part, name)[:, follower].tolist() for part in parts)
+        rows = zip(*of, strict=True)
+        cells = [
+            _marked_at_least(estimate.model, name, Quantity(*row)) if known else row[0]
+            for row in rows
+        ]
+        whole = _parameter_cell(estimate, name, follower)
+        filled.append((replace(column, group=group), [*cells, whole]))
+    shared = info.shares(estimate.case)
+    label = EVERY_FOLLOWER if shared else info.labels[follower + 1]
+    return _with_legend(f"{label}: {estimate.spec.in_words}, each window alone, and all", filled)
+
+
+def errors_table(result: Result) -> Table:
+    """One row a vehicle, leader first: who drives, mean time gap, and errors of both kinds.
+
+    The leader of the closed-loop simulation is given, so it has no error.
+    """
+    info, estimate, evaluation = result.info, result.estimate, result.evaluation
+    columns: list[Filled] = [(Column("Vehicle"), info.labels)]
+    columns += [(c, [None, *cells]) for c, cells in driver_cells(by_hand(info))]
+    columns.append((Column("Mean time gap", "s", 2), [None, *result.mean_time_gaps.tolist()]))
+    absent = info.followers * [None]
+    for group, errors, digits in (
+        ("Surrogate fit, MAE", evaluation.surrogate, 3),
+        ("Closed-loop simulation, MAE", evaluation.closed_loop, 2),
+    ):
+        leader = errors.speed_mae[0] if errors and errors is evaluation.surrogate else None
+        gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
+        columns.append((Column("p", "m", digits, group), [None, *gaps]))
+        columns.append((Column("v", "m/s", 3, group), [leader, *speeds]))
+    return Table.of(f"{name_of(estimate)}, {where(info, estimate.case, result.infos)}", columns)
 
 
 def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:
@@ -85,44 +234,6 @@ def _driver(share: float) -> str:
     return "Human" if share > ALL_OF_IT else f"Human {100 * share:.0f} %"
 
 
-def parameter_table(result: Result, with_intervals: bool = True) -> Table:
-    """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds.
-
-    Parameters that all followers share (Case I) have a row of their own, the second. The leader of
-    the closed-loop simulation is given, so it has no error. Intervals come with the probability of
-    string stability.
-    """
-    info, fit, evaluation = result.info, result.fit, result.evaluation
-    numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
-    known = result.uncertainty if with_intervals else None
-    estimated = [*parameter_cells(fit.parameters, "Quantity" if known else "", fit.model, known)]
-    estimated += probability_cells(known) if known else ()
-    parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
-        (followers, driver_cells(by_hand(info))),
-        (parameter_rows(info, fit.case), estimated),
-        (followers, [(Column("Mean time gap", "s", 2), result.mean_time_gaps.tolist())]),
-    ]
-    for group, errors, digits, driving in (
-        ("Surrogate fit, MAE", evaluation.surrogate, 3, info.vehicles),
-        ("Closed-loop simulation, MAE", evaluation.closed_loop, 2, followers),
-    ):
-        gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
-        parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
-        parts.append((driving, [(Column("v", "m/s", 3, group), speeds)]))
-    columns: list[Filled] = [(Column("Vehicle"), row_labels(info, numbers))]
-    for vehicles, filled in parts:
-        for column, cells in filled:
-            known_cells = dict(zip(vehicles, cells, strict=False))
-            columns.append((column, [known_cells.get(number) for number in numbers]))
-    return Table.of(f"{name_of(fit)}, {where(info, fit.case, result.infos)}", columns)
-
-
-def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
-    """The vehicle of each row of `parameter_table`; 0 for what all followers share."""
-    leader, *followers = info.vehicles
-    return (leader, *((0,) if info.shares(case) else ()), *followers)
-
-
 def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each set of parameters: the followers, or 0 alone for all that share one."""
     return (0,) if info.shares(case) else info.vehicles[1:]
@@ -133,19 +244,24 @@ def row_labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
-def columns_of(model: str) -> dict[str, Column]:
-    """The parameters of a model by name, α, β and τ first.
+# Columns of parameters
 
-    Those of a model that is no CTHP stand behind the linearisation at the median speed.
-    """
-    following, columns = FOLLOWING[model], (*PARAMETER_COLUMNS, *TERM_COLUMNS)
+
+def columns_of(model: str) -> dict[str, Column]:
+    """A model's own parameters by name, in its own order: those of a CTHP α, β, τ and its terms."""
+    following = FOLLOWING[model]
     if following.is_cthp:
-        return {column.key: column for column in columns if column.key in following.names}
-    own = {
-        p.name: Column(p.symbol, p.unit, OWN_DIGITS, following.title, key=p.name, may_be_held=True)
+        known = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
+        return {name: known[name] for name in following.names}
+    return {
+        p.name: Column(p.symbol, p.unit, OWN_DIGITS, following.title, key=p.name, may_be_fixed=True)
         for p in following.parameters
     }
-    return {column.key: column for column in PARAMETER_COLUMNS} | own
+
+
+def gains_and_own_columns(model: str) -> dict[str, Column]:
+    """α, β and τ, of another model than a CTHP those of its linearisation; then its own."""
+    return {column.key: column for column in PARAMETER_COLUMNS} | columns_of(model)
 
 
 def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[int, Column]]:
@@ -154,7 +270,7 @@ def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[
     They are α, β and τ, and of s₀, λ and d those that a set has: τ alone says little beside an s₀.
     A model that is no CTHP has the s₀ of its linearisation, and then its own parameters.
     """
-    own = () if model in CTHPS else [*columns_of(model).values()][len(PARAMETER_COLUMNS) :]
+    own = [] if FOLLOWING[model].is_cthp else [*columns_of(model).values()]
     yield from enumerate(PARAMETER_COLUMNS)
     for at, column in enumerate(TERM_COLUMNS[: 1 if own else None], len(PARAMETER_COLUMNS)):
         if np.nan_to_num(parameters.complete[:, at]).any():
@@ -176,63 +292,27 @@ def parameter_cells(
         shown = replace(column, group=group, key="") if group else column
         if known:
             ends = (known.lower.everything[:, at], known.upper.everything[:, at])
-            cells, level = estimate_cells(values, *ends), f"{100 * known.level:.0f} % interval"
+            cells, level = interval_cells(values, *ends), f"{100 * known.level:.0f} % interval"
             heading = f"{column.group or group} ({level})" if group else column.group
             shown = replace(column, group=heading)
         yield replace(shown, is_brief=is_brief), cells
 
 
-def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
-    """The probability of string stability by both norms."""
-    yield Column.chance("L₂", PROBABILITY), percent_cells(uncertainty.probability_l2)
-    yield Column.chance("L∞", PROBABILITY), percent_cells(uncertainty.probability_linf)
+# Estimates side by side
 
 
-def comparison_table(
-    result: Result, estimates: Mapping[str, tuple[Parameters, Uncertainty | None]]
-) -> Table:
-    """One row a follower and method, or the truth; one for all followers in Case I.
+def outside_interval(recommended: Estimate, other: Estimate, follower: int) -> tuple[str, ...]:
+    """Which of `COMPARED` lie outside the recommended estimate's intervals, of one follower.
 
-    Estimates are (M,) by method, from the result's windows; where an uncertainty is known, its
-    intervals limit the digits to those that they support.
+    The follower is 0 for the first. Nothing lies outside where no interval is known.
     """
-    numbers = parameter_rows(result.info, result.fit.case)
-    rows = [*product(range(len(numbers)), estimates.values())]
-    labels, names = row_labels(result.info, numbers), [*estimates]
-    filled: list[Filled] = [
-        (Column("Vehicle"), [label for label in labels for _ in names]),
-        (Column("Method"), names * len(numbers)),
-    ]
-    sets = Parameters.of([found.complete[k] for k, (found, _) in rows])
-    for at, column in shown_columns(sets):
-        cells: list[Cell] = []
-        for k, (found, known) in rows:
-            parts = (found, known.lower, known.upper) if known else (found,)
-            value, *ends = (float(part.complete[k, at]) for part in parts)
-            is_there = value or at < len(PARAMETER_COLUMNS)
-            cells.append((Quantity(value, *ends) if ends else value) if is_there else None)
-        filled.append((replace(column, is_brief=True), cells))
-    return Table.of(f"Estimates side by side, {where(result.info, windows=result.infos)}", filled)
-
-
-def intervals_table(result: Result) -> Table:
-    """One row a follower, or one for all that share their parameters.
-
-    The columns are the estimates that the intervals are about, those of maximum likelihood or of a
-    model that is no CTHP by simulation, and the probability of string stability.
-    """
-    info, uncertainty = result.info, result.uncertainty
-    numbers, centre = parameter_rows(info, result.fit.case), uncertainty.centre
-    kind = "Closed-loop simulation" if centre.own.size else "Maximum likelihood"
-    estimates = parameter_cells(centre, kind, known=uncertainty)
-    filled = (*estimates, *probability_cells(uncertainty))
-    model = FOLLOWING[result.fit.model].title
-    return Table.of(
-        f"Uncertainty under the {model}, {where(info, windows=result.infos)}",
-        [
-            (Column("Follower"), row_labels(info, numbers)),
-            *((column, [*cells][: len(numbers)]) for column, cells in filled),
-        ],
+    speed = float(recommended.speeds[follower])
+    values = gains_and_gap(other.model, other.parameters[follower], speed).tolist()
+    spans = recommended.gains_and_gap(follower)
+    return tuple(
+        symbol
+        for symbol, value, span in zip(COMPARED, values, spans, strict=True)
+        if not (isnan(span.lower) or span.lower <= value <= span.upper)
     )
 
 
@@ -247,56 +327,72 @@ def _error_cells(
 
 
 SURROGATE, CLOSED_LOOP = ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2)
-UNSEEN = (("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2))
+UNSEEN = (("holdout", "Hold-out", 2), ("out_of_window", "Outside the windows", 2))
 
 
 def methods_table(
-    info: SegmentInfo,
-    results: Sequence[Result],
-    follower: int,
-    answered: tuple[Parameters, float | None] | None = None,
-    model: str = PAPER,
+    results: Sequence[Result], follower: int, recommended: Result | None = None
 ) -> Table:
     """One row a method, for one follower (0 for the first).
 
-    What was answered by a model is the first row: the parameters of that follower, and the mean
-    absolute error of its space-gap in closed loop.
+    The recommended estimate, which has a posterior, is the first row, with its intervals; of all
+    others it is said whether they lie inside these.
     """
-    sets = [result.fit.parameters[follower] for result in results]
-    kinds = (SURROGATE, CLOSED_LOOP, *UNSEEN)
-    errors = [*_error_cells(results, follower, *kinds)]
-    collisions = [result.evaluation.collision_times(info.vehicles)[follower] for result in results]
-    filled: list[Filled] = [
-        (Column("Method"), [name_of(result.fit, with_model=False) for result in results]),
-        (MODEL, [_brief(result.fit.model) for result in results]),
-        *errors,
-        (Column("Collides at", "s", 1), collisions),
-        (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
+    first = [recommended] if recommended else []
+    rows = [
+        *first,
+        *(r for r in results if not any(r.analysis.key == f.analysis.key for f in first)),
     ]
-    if answered:
-        own, error = answered
-        beside = (error if kind is CLOSED_LOOP else None for kind in kinds)
-        first = ("Answer", _brief(model), *beside, None, None)
-        filled = [
-            (column, [cell, *cells]) for cell, (column, cells) in zip(first, filled, strict=True)
-        ]
-        sets.insert(0, own)
-    filled[2:2] = parameter_cells(Parameters.stack(sets))
-    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    info, found = rows[0].info, [result.estimate for result in rows]
+    known = recommended.uncertainty if recommended else None
+    speed = found[0].stated_speed
+    filled: list[Filled] = [
+        (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
+        (MODEL, [_brief(estimate.model) for estimate in found]),
+    ]
+    gaps = [estimate.time_gap(speed, follower) for estimate in found]
+    is_first = [bool(known) and k == 0 for k in range(len(rows))]
+    filled.append(
+        (gap_column(speed),
+         [gap_cell(gap) if with_ends else gap.value
+          for gap, with_ends in zip(gaps, is_first, strict=True)])
+    )  # fmt: skip
+    sets = Parameters.stack(estimate.parameters[follower] for estimate in found)
+    for at, (column, cells) in zip(dict(shown_columns(sets)), parameter_cells(sets), strict=True):
+        shown = [*cells]
+        if known and shown[0] is not None:
+            ends = (part.everything[follower, at] for part in (known.lower, known.upper))
+            shown[0] = Quantity(float(sets.everything[0, at]), *map(float, ends))
+        filled.append((column, shown))
+    if recommended:
+        away = [outside_interval(recommended.estimate, each, follower) for each in found]
+        said = [f"no: {joined(symbols)}" if symbols else "yes" for symbols in away[1:]]
+        filled.append((Column("Inside the interval", key="inside"), [None, *said]))
+    collisions = [row.evaluation.collision_times(info.vehicles)[follower] for row in rows]
+    filled += [
+        *_error_cells(rows, follower, SURROGATE, CLOSED_LOOP, *UNSEEN),
+        (Column("Collides at", "s", 1), collisions),
+        (Column("Time", "s", 2, least=True), [estimate.seconds for estimate in found]),
+    ]
+    label = info.labels[follower + 1]
+    return Table.of(f"{label}, {where(info, windows=rows[0].infos)}", filled)
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
-    info, fits = results[0].info, [result.fit for result in results]
-    starts = [", ".join(f"{value:g}" for value in fit.config["initial"]) for fit in fits]
+    info, found = results[0].info, [result.estimate for result in results]
+    starts = [", ".join(f"{value:g}" for value in each.settings["initial"]) for each in found]
+    sets = Parameters.stack(each.parameters[follower] for each in found)
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
-        *parameter_cells(Parameters.stack(fit.parameters[follower] for fit in fits), "Learned"),
+        *parameter_cells(sets, "Learned"),
         *_error_cells(results, follower, SURROGATE, CLOSED_LOOP),
-        (Column("Iterations", "", 0), [float(fit.iterations) for fit in fits]),
-        (Column("Time", "s", 1), [fit.seconds for fit in fits]),
+        (Column("Iterations", "", 0), [float(each.iterations) for each in found]),
+        (Column("Time", "s", 1), [each.seconds for each in found]),
     ]
-    table = Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    table = Table.of(
+        f"{info.labels[follower + 1]}, {where(info, windows=results[0].infos)}", filled
+    )
     if len(results) < 2:
         return table
     percent = [f"{v:.2f} %" if np.isfinite(v) else None for v in spread.percent[follower]]
@@ -304,43 +400,23 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
-def marked_at_least(model: str, name: str, *parts: Parameters) -> Cell:
-    """A parameter of one vehicle from its value, lower and upper end.
-
-    A lag or delay at the least that is sought has a mark.
-    """
-    cell = Quantity(*(float(value_of(model, part, name)) for part in parts))
-    if name not in ("lag", "delay") or not cell.lower < cell.upper:
-        return cell
-    if model in CTHPS:
-        least = EXTRA["lag" if name == "lag" else "delay"].lower
-    else:
-        least = next(p.lower for p in FOLLOWING[model].parameters if p.name == name)
-    return Marked(cell, LEAST, "†") if cell.value <= least + 1e-9 else cell
-
-
-def with_legend(caption: str, filled: Sequence[Filled]) -> Table:
-    """A table whose caption says what "†" means, where a cell has it."""
-    cells = (cell for _, column in filled for cell in column)
-    is_marked = any(isinstance(cell, Marked) and cell.why == LEAST for cell in cells)
-    return Table.of(f"{caption} (†: {LEAST})" if is_marked else caption, filled)
-
-
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a model, for one follower (0 for the first): estimates and intervals."""
     group = f"Quantity ({100 * LEVEL:.0f} % interval)"
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
-    parts = [(f.form, [of[follower] for of in (f.parameters, f.lower, f.upper)]) for f in forms]
     for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS):
-        name = column.key
-        cells = [marked_at_least(form, name, *sets) if name in FOLLOWING[form].names else None
-                 for form, sets in parts]  # fmt: skip
+        name, cells = column.key, list[Cell]()
+        for form in forms:
+            sets = (form.parameters, form.lower, form.upper)
+            of = Quantity(*(float(value_of(form.form, part[follower], name)) for part in sets))
+            has_it = name in FOLLOWING[form.form].names
+            cells.append(_marked_at_least(form.form, name, of) if has_it else None)
         filled.append((replace(column, group=group), cells))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
         (Column("Held-out log density", "", 1, AGAINST), [f.holdout[follower] for f in forms]),
     ]
-    return with_legend(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    return _with_legend(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
@@ -352,7 +428,7 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
     rows = [(row, numbers.index(vehicle)) for row, numbers in followers if vehicle in numbers]
     then = [result.parameters[k] for result, k in rows]
     filled: list[Filled] = [
-        (Column("Earlier fit", prose=True), [earlier_title(result) for result, _ in rows]),
+        (Column("Earlier estimate", prose=True), [earlier_title(result) for result, _ in rows]),
         *parameter_cells(Parameters.stack(then)),
         (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(*row) for row in rows]),
     ]
@@ -360,7 +436,7 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         change = np.full((len(rows), 3), nan)
         differs: list[str | None] = [None] * len(rows)
         for at, ((row, _), before) in enumerate(zip(rows, then, strict=True)):
-            present = now.get(row.fit.method)
+            present = now.get(row.analysis.method)
             if present and vehicle in present.info.vehicles[1:]:
                 k = present.info.vehicles.index(vehicle) - 1
                 change[at] = present.parameters[k].values - before.values
@@ -372,14 +448,15 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
 
 
 def _gap_error(result: Result, k: int) -> float:
-    """The closed-loop MAE of a follower's space-gap in m; nan where it was not computed."""
-    errors = result.parts.evaluation and result.parts.evaluation.closed_loop
+    """The closed-loop MAE of a follower's space-gap in m; nan where it cannot be simulated."""
+    errors = result.evaluation.closed_loop
     return float(errors.gap_mae[k]) if errors else nan
 
 
 def earlier_title(result: Result) -> str:
-    """Method, file and window in a few words."""
-    return f"{name_of(result.fit)}, {where(result.info, result.fit.case)}"
+    """Method, file and windows in a few words."""
+    estimate = result.estimate
+    return f"{name_of(estimate)}, {where(result.info, estimate.case, result.infos)}"
 
 
 def validation_table(
@@ -447,21 +524,24 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
 
 
 def model_parameters_table(judged: Judgement) -> Table:
-    """A row a parameter of each model, with its interval, and whether the data determine it."""
+    """A row a parameter of each model, with its interval where the data determine it."""
     rows = [
         (score, parameter, k)
         for score in judged.ranked
         for k, parameter in enumerate(score.model.parameters)
     ]
-    values = np.array([(s.theta[k], s.lower[k], s.upper[k]) for s, _, k in rows])
-    known = ["the data" if s.determined[k] else "other cars" for s, _, k in rows]
+    cells: list[Cell] = [
+        Quantity(float(s.theta[k]), float(s.lower[k]), float(s.upper[k]))
+        if s.determined[k]
+        else UNDETERMINED
+        for s, _, k in rows
+    ]
     return Table.of(
         f"{judged.info.labels[1]}: parameters by closed-loop simulation of all windows",
         [
             (MODEL, [score.model.title for score, _, _ in rows]),
             (Column("Parameter"), [parameter.symbol for _, parameter, _ in rows]),
-            (Column("Value", digits=4), estimate_cells(*values.T)),
+            (Column("Value", digits=4), cells),
             (Column("Unit"), [parameter.unit for _, parameter, _ in rows]),
-            (Column("Known from"), known),
         ],
     )

@@ -19,7 +19,7 @@ from accpinn.results.tables import (
     Filled,
     Marked,
     Table,
-    estimate_cells,
+    interval_cells,
     estimates,
     percent_cells,
 )
@@ -48,8 +48,8 @@ def stability_table(
 ) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
 
-    The uncertainty of the fit adds probabilities, the posterior's verdicts, and intervals; a
-    verdict that the measured gain contradicts is marked.
+    An uncertainty adds probabilities, the posterior's verdicts, and intervals; a verdict that the
+    measured gain contradicts is marked.
     """
     assessed, known = report.vehicles, uncertainty
     against = _contradictions(vehicles, checks)
@@ -103,7 +103,7 @@ def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequenc
     """Values with their intervals, where these are known."""
     if ends is None:
         return values
-    return estimate_cells([nan if v is None else v for v in values], ends.lower, ends.upper)
+    return interval_cells([nan if v is None else v for v in values], ends.lower, ends.upper)
 
 
 def _decibels(gain: Interval) -> Interval:
@@ -172,7 +172,7 @@ def measured_gain_table(label: str, measured: MeasuredGain) -> Table:
         f"Measured gain, {label}",
         [
             (Column.of(FREQUENCY), measured.omega),
-            (Column("Gain", "", 3), estimate_cells(measured.gain, measured.lower, measured.upper)),
+            (Column("Gain", "", 3), interval_cells(measured.gain, measured.lower, measured.upper)),
             (Column("Coherence", "", 3), measured.coherence),
         ],
     )

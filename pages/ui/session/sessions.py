@@ -21,7 +21,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
@@ -250,11 +250,11 @@ def keep(workspace: Workspace) -> None:
     if workspace.recording is None and workspace.training is None:
         return  # a snapshot alone is named by the address, and following a link writes nothing
     with suppress(ConfigError):  # the page shows what is wrong with a setting
-        asked = workspace.training_analysis(workspace.config)
+        asked = workspace.analysis()
     asked = asked or (result.analysis if result else None)
     if asked is None:
         return
-    key = result.id or result.analysis.fit_key if result else ""
+    key = result.id or result.analysis.key if result else ""
     document = msgspec.json.encode(dump(Shown(asked, key))[0])
     if document != workspace.kept:
         workspace.kept = document
@@ -293,10 +293,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         shown = restore(Shown, msgspec.json.decode(document), {})
         asked = shown.analysis
         with suppress(SnapshotError):
-            found = result_of(shown.result or asked.fit_key)
-            held = found.analysis.held if asked.model == found.analysis.model else asked.held
-            same = replace(found.analysis, model=asked.model, held=held)
-            workspace.restore(found.under(same))
+            workspace.restore(result_of(shown.result or asked.key))
         workspace.take(asked)
         workspace.awaited = asked
         source = asked.source
