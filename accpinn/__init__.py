@@ -4,8 +4,9 @@
 
     result = accpinn.fit("recording.csv", start=0, duration=300)
     result.parameters.tau                  # array of time headways in s, one a follower
-    result.uncertainty.lower, result.adequacy.forms, result.stability
-    result.transfer_function()
+    result.posterior, result.uncertainty   # None where the method has no intervals
+    result.stability, result.simulated, result.evaluation
+    result.transfer_function()             # all of them of this one estimate
     accpinn.save(result, "result.accpinn.zip")
 
 The public interface, in the order data flows:
@@ -20,7 +21,8 @@ The public interface, in the order data flows:
     assess_quality                    excitation and mean time gap of a segment
     Parameters, Case                  α, β, τ of one or many vehicles
     ParameterSet, PUBLISHED           parameters with names; those printed in the paper
-    METHODS, Method, Fit              the registry of estimation methods, and what they return
+    METHODS, Method                   the registry of estimation methods
+    Estimate, Posterior, ModelSpec    what a method returns, and the model that it is of
     PinnConfig, preset                settings of the physics-inspired neural network
     evaluate, Evaluation              surrogate, closed-loop and hold-out errors
     stability_report, StabilityReport L₂ and L∞ string stability
@@ -28,11 +30,10 @@ The public interface, in the order data flows:
     transfer_function                 a vehicle as an object of python-control
     simulate_platoon                  a platoon behind a leader, exact at every sample
     Sinusoid, SpeedStep, Brake        leaders
-    intervals, Uncertainty            of the parameters and of what follows from them
+    Uncertainty                       intervals and probabilities that follow from a posterior
     gap_band                          bands of the space-gaps that the posterior predicts
-    profiles, model_forms             identifiability, model adequacy
+    model_forms                       the CTHP beside further forms of the model
     starts, spread_of                 other initial values, and how far apart they end
-    fit_windows                       several windows of the same vehicles together
     batch, read_study, group          many recordings on dask; their rows, and these by groups
     Store, Library                    results on disk
     save, load, verify                one file with all of a result

@@ -9,13 +9,12 @@ from .api import verify as verify
 from .errors import AccpinnError as AccpinnError
 from .evaluation import Evaluation as Evaluation
 from .evaluation import evaluate as evaluate
-from .inference.identifiability import profiles as profiles
 from .inference.intervals import Uncertainty as Uncertainty
-from .inference.intervals import intervals as intervals
 from .inference.model_adequacy import model_forms as model_forms
 from .inference.prediction import gap_band as gap_band
 from .methods import Method as Method
-from .methods.fit import Fit as Fit
+from .methods.estimate import Estimate as Estimate
+from .methods.estimate import Posterior as Posterior
 from .methods.pinn.config import PinnConfig as PinnConfig
 from .methods.pinn.config import preset as preset
 from .methods.registry import METHODS as METHODS
@@ -23,6 +22,7 @@ from .model.cthp import Case as Case
 from .model.cthp import Parameters as Parameters
 from .model.published import PUBLISHED as PUBLISHED
 from .model.published import ParameterSet as ParameterSet
+from .model.spec import ModelSpec as ModelSpec
 from .platoon import simulate_platoon as simulate_platoon
 from .platoon.leader import Brake as Brake
 from .platoon.leader import Sinusoid as Sinusoid
@@ -57,7 +57,6 @@ from .study.comparison import starts as starts
 from .study.groups import group as group
 from .study.groups import read_study as read_study
 from .study.result import Result as Result
-from .study.run import fit_windows as fit_windows
 from .study.run import run as run
 from .study.snapshot import load as load
 from .study.snapshot_library import Library as Library

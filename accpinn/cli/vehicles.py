@@ -178,10 +178,8 @@ def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
 
 def _report_text(subject: KnownVehicles) -> str:
     vehicles, lines = subject.vehicles, [known_table(subject).to_text(), ""]
-    if subject.uncertainty:
-        lines.append(headline(subject))
     if subject.result:
-        lines.append(assumption(subject.result))
+        lines += [headline(subject), assumption(subject.result)]
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
     for k, (label, said) in enumerate(reasons(subject)):

@@ -195,7 +195,8 @@ class ParameterTrack:
     """Parameters over time, as an online method estimated them; K instants."""
 
     time: FloatArray
-    """(K,) in s from the segment's start."""
+    """(K,) in s from the first window's start. Windows of a recording lie as far apart as in it;
+    those of a further recording follow the former one's."""
     parameters: Parameters
     """(K, M); nan where the samples so far do not determine them."""
     deviation: FloatArray | None = None

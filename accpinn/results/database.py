@@ -6,10 +6,10 @@ from dataclasses import astuple, replace
 from math import isnan
 
 from accpinn.findings import joined, percent, probability
-from accpinn.inference.answer import SPEEDS
+from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
-from accpinn.results.tables.answer import columns_of, gap_cell, gap_column
+from accpinn.results.tables.estimates import columns_of, gap_cell, gap_column
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate

@@ -1,6 +1,6 @@
 """Results as JSON documents: of the commands, the parameter card, a batch's groups, judged models.
 
-A result, its answer and its followers are described once for all of them.
+A result, its estimate and its followers are described once for all of them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,61 +11,57 @@ import msgspec
 from accpinn.channels import by_key, fields
 from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
 from accpinn.findings import Finding, Labelled
-from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.methods.estimate import SPEEDS, Span
+from accpinn.methods.joint_likelihood import disturbance_sizes
+from accpinn.methods.registry import variant_name
 from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.answer import papers_estimate
-from accpinn.results.tables.estimates import columns_of, name_of
+from accpinn.results.messages.estimate import about_point
+from accpinn.results.messages.summary import recommended_of
+from accpinn.results.tables.estimates import gains_and_own_columns, name_of
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import Quantity, MetresPerSecond
+from accpinn.units import MetresPerSecond, Quantity
 
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
 
-CARD_FORMAT = "accpinn parameter card 2"
-WHITENESS = {
-    "deviation": "deviation",
-    "correlation": "correlation",
-    "memory": "memory",
-    "independent_samples": "independent",
-    "probability_white": "probability",
-}
-"""Keys of the document, and the attributes they hold."""
+CARD_FORMAT = "accpinn parameter card 3"
 
 
-def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
-    """The result as the command-line contract has it; with intervals, and what lies outside.
+def describe_fit(result: Result) -> dict[str, Any]:
+    """The result as the command-line contract has it.
 
-    Over several windows, samples and durations are sums, errors and time gaps are means.
+    Over several windows, samples and durations are sums, errors and time gaps are means. The key
+    "answer" is there for an estimate with a posterior, with the same parameters.
     """
-    fit, info = result.fit, result.info
+    estimate, info = result.estimate, result.info
     samples = [part.samples for part in result.infos]
     duration = round(sum(part.window.duration for part in result.infos), 6)
     document = {
-        **_described(result, with_intervals),
+        **_described(result),
         "segment": _segment(info) | {"duration": duration, "samples": sum(samples)},
-        "answer": answer_document(info, result.answer),
+        **({"answer": answer_document(result)} if result.posterior else {}),
         "measured_gain": [check_document(check, info) for check in result.gain_checks],
-        "unconstrained": _parameters(info, fit.unconstrained),
-        "active_bounds": fit.active_bounds,
+        "unconstrained": _parameters(info, estimate.unconstrained),
+        "active_bounds": estimate.active_bounds,
         "mae": _errors(result.evaluation.surrogate),
         "closed_loop_mae": _errors(result.evaluation.closed_loop),
         "incidents": incidents(result.evaluation, result.info),
         "mean_time_gap": result.mean_time_gaps.tolist(),
-        "outcome_sentence": fit.outcome.value,
-        "notes": notes(result, with_intervals),
+        "outcome_sentence": estimate.outcome.value,
+        "notes": notes(result),
+        "warnings": tuple(dict.fromkeys(messages(result.warnings, info))),
     }
     if len(result.infos) > 1:
         document["windows"] = [_window(result, k) for k in range(len(result.infos))]
@@ -73,17 +69,20 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
 
 
 def describe_comparison(
-    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...]
+    results: tuple[Result, ...], refused: tuple[Refused, ...]
 ) -> dict[str, Any]:
-    """The comparison as the command-line contract has it, beside the answer of all windows."""
-    first, info = results[0], results[0].info
+    """The comparison as the command-line contract has it.
+
+    The key "answer" is there where a row has a posterior.
+    """
+    first, info, recommended = results[0], results[0].info, recommended_of(results)
     return {
         "segment": _segment(info),
-        "answer": answer_document(info, whole.answer),
-        "windows": [fields(part.window, "start", "duration") for part in whole.infos],
-        "rows": [_row(row) | {"caution": papers_estimate(row.fit) or None} for row in results],
+        **({"answer": answer_document(recommended)} if recommended else {}),
+        "windows": [fields(part.window, "start", "duration") for part in first.infos],
+        "rows": [_row(row) for row in results],
         "refused": [{"method": row.method, "reason": str(row.fault)} for row in refused],
-        "warnings": messages(first.weaknesses, info),
+        "warnings": messages(recommended.weaknesses, info) if recommended else (),
         "forms": [
             _form(form, vehicle, k)
             for form in first.adequacy.forms
@@ -99,9 +98,9 @@ def describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]
     return {
         "segment": _segment(info),
         "trials": [
-            _described(result, False)
+            _described(result)
             | {
-                "initial": result.fit.config["initial"],
+                "initial": result.estimate.settings["initial"],
                 "surrogate_gap_mae": errors and errors.gap_mae.tolist(),
             }
             for result, errors in zip(results, surrogates, strict=True)
@@ -111,35 +110,36 @@ def describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]
     }
 
 
-def _described(result: Result, with_intervals: bool) -> dict[str, Any]:
+def _described(result: Result) -> dict[str, Any]:
     """What every document says of a result."""
-    fit, info = result.fit, result.info
-    uncertainty = result.uncertainty if with_intervals else None
+    estimate, info, known = result.estimate, result.info, result.uncertainty
     return {
-        **fields(fit, "method", "case", "model", "loss", "network_weights", "iterations",
+        **fields(estimate, "method", "case", "model", "loss", "network_weights", "iterations",
                  "seconds", "cached"),
-        **{name: fit.config.get(name) for name in ("preset", "seed")},
-        "parameters": _parameters(info, fit.parameters, fit.model),
-        "intervals": uncertainty and _intervals(info, uncertainty, fit.model),
-        "level": uncertainty and uncertainty.level,
-        "outcome": fit.outcome.name.lower(),
+        "fixed": dict(estimate.spec.fixed),
+        **{name: estimate.settings.get(name) for name in ("preset", "seed")},
+        "parameters": _parameters(info, estimate.parameters, estimate.model),
+        "intervals": known and _intervals(info, known, estimate.model),
+        "level": estimate.level,
+        "outcome": estimate.outcome.name.lower(),
     }  # fmt: skip
 
 
 def _window(result: Result, k: int) -> dict[str, Any]:
-    """What one of several windows says by itself by the answer's model, and the fit's errors there.
-
-    The fit's parameters are those of all windows together.
-    """
-    segment, fit, answer = result.segments[k], result.fits[k], result.answer
-    ends = _ends(answer.windows_lower[k], answer.windows_upper[k], answer.model)
-    driven = ClosedLoop.of(segment, fit)
+    """What one of several windows says by itself, where that is known, and the errors there."""
+    segment, estimate, known = result.segments[k], result.estimate, result.posterior
+    own: dict[str, Any] = {"parameters": None, "intervals": None}
+    if estimate.windows is not None:
+        own["parameters"] = _parameters(result.info, estimate.windows[k], estimate.model)
+    if known:
+        ends = _ends(known.windows_lower[k], known.windows_upper[k], estimate.model)
+        own["intervals"] = _of_followers(result.info, ends)
+    driven = ClosedLoop.of(segment, estimate)
     return {
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
-        **fields(answer, "model", "level"),
-        "parameters": _parameters(result.info, answer.windows[k], answer.model),
-        "intervals": _of_followers(result.info, ends),
+        **fields(estimate, "model", "level"),
+        **own,
         "fit": {
             "closed_loop_mae": _errors(driven.errors),
             "incidents": messages(driven.findings, segment),
@@ -148,10 +148,12 @@ def _window(result: Result, k: int) -> dict[str, Any]:
 
 
 def _row(result: Result) -> dict[str, Any]:
-    """One method of a comparison."""
-    info, evaluation = result.info, result.evaluation
+    """One method of a comparison, under its name there."""
+    info, evaluation, estimate = result.info, result.evaluation, result.estimate
     return {
-        **_described(result, with_intervals=True),
+        **_described(result),
+        "method": variant_name(estimate.method, estimate.settings),
+        "caution": about_point(estimate) or None,
         "surrogate_mae": _errors(evaluation.surrogate),
         "closed_loop_mae": _errors(evaluation.closed_loop),
         "collisions": evaluation.collision_times(info.vehicles).tolist(),
@@ -167,11 +169,7 @@ def _row(result: Result) -> dict[str, Any]:
         ],
         "unseen_mae": _errors(evaluation.out_of_window),
         "unseen_seconds": evaluation.out_of_window_seconds,
-        "whiteness": [
-            {key: getattr(evaluation.whiteness, name)[k] for key, name in WHITENESS.items()}
-            for k in range(info.followers)
-        ],
-        "notes": messages((*result.fit.findings, *result.uncertainty.findings), info),
+        "notes": messages(result.findings, info),
     }
 
 
@@ -188,28 +186,28 @@ def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
     }
 
 
-# The answer, and what rests on it
+# The estimate, and what rests on it
 
 
 def parameter_card(snapshot: Result) -> dict[str, Any]:
-    """The parameters of a snapshot with intervals, provenance and attribution."""
-    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
+    """The parameters of a snapshot, with intervals where there are, provenance and attribution."""
+    info, estimate, known = snapshot.info, snapshot.estimate, snapshot.posterior
     return {
         "format": CARD_FORMAT,
-        "model": _model(fit.model),
-        "level": uncertainty.level,
-        "interval_method": uncertainty.method,
+        "model": _model(estimate.model),
+        "fixed": dict(estimate.spec.fixed),
+        "level": estimate.level,
+        "interval_method": known and known.method,
+        "about": about_point(estimate) or None,
         "vehicles": _of_followers(info, [_card(snapshot, k) for k in range(info.followers)]),
-        "answer_model": _model(snapshot.answer.model),
-        "answer": answer_document(info, snapshot.answer),
+        **({"answer": answer_document(snapshot)} if known else {}),
         "provenance": {
             **fields(info, "source", "sha256"),
             "windows": [fields(part.window, "start", "duration") for part in snapshot.infos],
             "vehicles": list(info.vehicles),
             **{key: snapshot.facts.get(key) for key in ("campaign", "date", "distance_setting")},
-            **fields(fit, "method", "case"),
-            "settings": fit.config,
-            "outcome": fit.outcome.name.lower(),
+            **fields(estimate, "method", "case", "settings"),
+            "outcome": estimate.outcome.name.lower(),
             "snapshot": snapshot.id,
             "created": snapshot.created,
             "accpinn": snapshot.origin.accpinn,
@@ -232,48 +230,51 @@ def _model(key: str) -> dict[str, Any]:
 
 
 def _card(snapshot: Result, k: int) -> dict[str, Any]:
-    uncertainty, following = snapshot.uncertainty, FOLLOWING[snapshot.fit.model]
+    known, estimate = snapshot.uncertainty, snapshot.estimate
     make, model = make_and_model(snapshot.info.names[k + 1])
-    sets = {"value": snapshot.parameters, "low": uncertainty.lower, "high": uncertainty.upper}
+    sets = {"value": estimate.parameters}
+    sets |= {"low": known.lower, "high": known.upper} if known else {}
     return {
         "make": make,
         "model": model,
         **{
-            p.name: {key: float(value_of(following.key, parameters, p.name)[k])
-                     for key, parameters in sets.items()} | {"unit": p.unit}
-            for p in following.parameters
+            p.name: {key: float(estimate.values(part, p.name)[k]) for key, part in sets.items()}
+            | {"unit": p.unit}
+            for p in estimate.following.parameters
         },
-        "probability_l2_stable": float(uncertainty.probability_l2[k]),
-        "probability_linf_stable": float(uncertainty.probability_linf[k]),
-    }  # fmt: skip
+        "probability_l2_stable": known and float(known.probability_l2[k]),
+        "probability_linf_stable": known and float(known.probability_linf[k]),
+    }
 
 
-def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
-    """The answer as every document has it, one entry a follower."""
+def answer_document(result: Result) -> list[dict[str, Any]]:
+    """An estimate with a posterior as every document has it, one entry a follower."""
+    estimate, info, known = result.estimate, result.info, result.posterior
+    assert known is not None  # as the caller knows
     rows = []
-    for k, median in enumerate(answer.speeds.tolist()):
-        trust = answer.trust[min(k, len(answer.trust) - 1)]
-        known = msgspec.structs.asdict(trust)
-        del known["vehicle"]
-        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
+    for k, median in enumerate(estimate.speeds.tolist()):
+        trust = result.trust[min(k, len(result.trust) - 1)]
+        trusted = msgspec.structs.asdict(trust)
+        del trusted["vehicle"]
+        gaps = {f"{speed * 3.6:.0f}": estimate.time_gap(speed, k) for speed in SPEEDS}
         rows.append(
             {
-                "model": answer.model,
+                "model": estimate.model,
                 **_spans(
-                    {name: answer.span(name, k) for name in answer.names},
-                    gaps | {"median": answer.time_gap(median, k)},
+                    {name: estimate.span(name, k) for name in estimate.names},
+                    gaps | {"median": estimate.time_gap(median, k)},
                 ),
                 "median_speed": median,
-                "windows": len(answer.windows),
-                "windows_differ_p": float(answer.differ[k]),
-                "trust": known | {"reproduced": trust.is_reproduced, "in_words": trust.in_words},
-                "level": answer.level,
+                "windows": len(result.infos),
+                "windows_differ_p": float(known.differ[k]),
+                "trust": trusted | {"reproduced": trust.is_reproduced, "in_words": trust.in_words},
+                "level": known.level,
             }
         )
     return _of_followers(info, rows)
 
 
-def _estimate(of: Quantity) -> dict[str, float]:
+def _quantity(of: Quantity) -> dict[str, float]:
     return {"value": of.value, "low": of.lower, "high": of.upper}
 
 
@@ -304,14 +305,14 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
                     {name: group.span(name) for name in group.names},
                     {f"{speed * 3.6:.0f}": group.time_gap(speed) for speed in SPEEDS},
                 ),
-                **{name: {key: _estimate(spread) for key, spread in getattr(group, name).items()}
+                **{name: {key: _quantity(spread) for key, spread in getattr(group, name).items()}
                    for name in ("between_windows", "between_vehicles")},
                 "mean_time_gap": {
                     "median": group.mean_time_gap.value,
                     "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
                 },
-                "l2_stable": _estimate(group.l2_stable),
-                "linf_stable": _estimate(group.linf_stable),
+                "l2_stable": _quantity(group.l2_stable),
+                "linf_stable": _quantity(group.linf_stable),
             }
             for group in grouped.groups
         ],
@@ -319,7 +320,7 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
 
 
 def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
-    """How far the answer's gain is from the measured one."""
+    """How far the estimate's gain is from the measured one."""
     return {**msgspec.structs.asdict(check), "sentence": check.sentence(about)}
 
 
@@ -390,7 +391,8 @@ def _values(parameters: Parameters, model: str) -> list[dict[str, float]]:
 
     A model that is no CTHP has its own parameters, and α, β and τ of its linearisation.
     """
-    columns = {name: value_of(model, parameters, name).tolist() for name in columns_of(model)}
+    names = gains_and_own_columns(model)
+    columns = {name: value_of(model, parameters, name).tolist() for name in names}
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
@@ -430,16 +432,13 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
 # Sentences of a document, and of the text in its place
 
 
-def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
+def notes(result: Result) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the estimate shows."""
-    fit = result.fit
-    done = [said for info in result.infos for said in messages(info.findings, info)]
-    if label := papers_estimate(fit):
-        done.append(f"{name_of(fit)}: {label}.")
-    is_joint = len(result.infos) > 1
-    findings: list[Finding] = [] if is_joint else [*result.quality.findings]
-    findings += fit.findings
-    findings += () if is_joint else disturbance_sizes(result.info.vehicles, fit)
-    findings += result.uncertainty.findings if with_intervals else ()
-    findings += [*result.answer.findings, *result.gain_checks]
-    return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
+    estimate, info = result.estimate, result.info
+    done = [said for part in result.infos for said in messages(part.findings, part)]
+    if label := about_point(estimate):
+        done.append(f"{name_of(estimate)}: {label}.")
+    findings: list[Finding] = [found for q in result.qualities for found in q.findings]
+    findings += [*result.findings, *disturbance_sizes(info.vehicles, estimate)]
+    findings += result.gain_checks
+    return tuple(dict.fromkeys([*done, *messages(findings, info)]))

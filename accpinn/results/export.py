@@ -139,7 +139,7 @@ def _type(
 
 
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
-    """The additional file for SUMO of a snapshot: its answer, and draws of the typical value.
+    """The additional file for SUMO of a snapshot: its estimate, and draws where it has a posterior.
 
     The samples are the number of draws in a distribution, evenly chosen; 0 for none.
 
@@ -149,11 +149,10 @@ def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """
     if samples < 0:
         raise ConfigError(f"samples: {samples} is not allowed; choose 0 or more.")
-    answer = snapshot.answer
-    draws = None
-    if samples:
-        most = len(answer.typical.alpha)
+    estimate, known, draws = snapshot.estimate, snapshot.posterior, None
+    if samples and known:
+        most = len(known.typical.alpha)
         count = min(samples, most)
-        draws = answer.typical[((np.arange(count) + 0.5) * most / count).astype(int)]
+        draws = known.typical[((np.arange(count) + 0.5) * most / count).astype(int)]
     names = snapshot.info.names[1:]
-    return sumo_types(names, answer.parameters, draws, answer.speeds, answer.model)
+    return sumo_types(names, estimate.parameters, draws, estimate.speeds, estimate.model)

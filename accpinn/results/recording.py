@@ -1,7 +1,7 @@
 """A recording and a window of it, in words and tables.
 
-In words: who drives, how a window is rated, why one is suggested. As tables: vehicles, quality,
-regimes, and what leaving out regimes changes.
+In words: who drives, how a window is rated, why one is suggested. As tables: vehicles, quality and
+regimes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from accpinn.findings import percent
-from accpinn.methods.estimate import Fit
-from accpinn.model.cthp import Parameters
+from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window, agreement
-from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
-from accpinn.results.tables.estimates import TITLES, driver_cells, parameter_cells
+from accpinn.results.tables import Cell, Column, Table, percent_cells
+from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.cut import DURATION
@@ -27,7 +26,6 @@ from accpinn.segment.quality import (
     Regimes,
 )
 from accpinn.segment.suggestion import Suggestion
-from accpinn.study.comparison import COMPARED, SensitivityResult
 
 GRADED: Mapping[Question, Sequence[str]] = {
     "complete": ("Samples complete", "Samples bridged", "Samples missing"),
@@ -128,7 +126,7 @@ def _share(vehicle: Vehicle, mode: str) -> Cell:
     return 100 * modes[mode] / total if total else None
 
 
-def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
+def quality_table(info: SegmentInfo, quality: Quality, estimate: Estimate) -> Table:
     """One row a follower: the window's figures, and the least-squares estimate from it."""
     return Table.of(
         where(info),
@@ -153,21 +151,3 @@ def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
     ]
     followers = (Column("Follower"), info.labels[1:])
     return Table.of(f"Regimes, {where(info)}", [followers, *filled])
-
-
-def sensitivity_table(
-    info: SegmentInfo, sensitivities: Sequence[SensitivityResult], follower: int
-) -> Table:
-    """One row a choice of instants: what each method estimates for one follower from them."""
-    of_method = {key: [row for row in sensitivities if row.method == key] for key in COMPARED}
-    rows = of_method[COMPARED[0]]
-    unknown = Parameters(np.nan, np.nan, np.nan)
-    filled: list[Filled] = [
-        (Column("Instants"), [row.choice.capitalize() for row in rows]),
-        (Column("Excluded", "%", 0), percent_cells([row.share[follower] for row in rows])),
-    ]
-    for key, results in of_method.items():
-        estimates = [r.parameters[follower] if r.parameters else unknown for r in results]
-        filled += parameter_cells(Parameters.stack(estimates), TITLES[key])
-    title = f"Sensitivity of the estimates: {info.labels[follower + 1]}, {where(info)}"
-    return Table.of(title, filled)

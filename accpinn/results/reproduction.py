@@ -2,15 +2,18 @@
 
 Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
 Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
-at once; what takes a recording names its run and window.
+at once; what takes a recording names its run, windows and preset.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
-from accpinn.channels import MAGNITUDE
+import numpy as np
+
+from accpinn.channels import MAGNITUDE, PARAMETERS
 from accpinn.findings import joined
+from accpinn.methods.pinn.config import PRESETS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import (
     ASTAZERO,
@@ -21,14 +24,29 @@ from accpinn.model.published import (
     VICOLUNGO_ALIKE,
     ParameterSet,
 )
+from accpinn.model.registry import PAPER
 from accpinn.recordings import Recording, Window
-from accpinn.results.tables import Column, Table
+from accpinn.results.tables import Cell, Column, Filled, Table
 from accpinn.results.tables.estimates import parameter_cells
 from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
 from accpinn.stability import StabilityReport, stability_report
+from accpinn.stability.criteria import response
+from accpinn.study import Analysis
 from accpinn.study.verification import Verification
+from accpinn.units import FloatArray, RadiansPerSecond
 
+TOLERANCE = 0.15
+"""Relative difference up to which a learned parameter agrees with the printed one: printed β of
+Table III are met within 12 %."""
+TICK = "✓"
 L2, LINF = "L₂", "L∞"
+PRINTED, RECOMPUTED, LEARNED, DEVIATION = "Printed", "Recomputed", "Learned", "Deviation"
+TEXT_PEAK, TEXT_PEAK_AT = 1.2, 0.25
+"""The paper's text on its Bode plots: "the largest amplitude (about 1.2 dB) for both campaigns
+occurs at ω = 0.25 rad/s"."""
+MARGINAL, MARGINAL_AT = 3, 0.25
+"""Index of the AstaZero follower that the caption of the Bode plots calls marginally string stable,
+and the frequency in rad/s there."""
 
 
 @dataclass(frozen=True)
@@ -61,23 +79,38 @@ class PrintedVerdicts:
 
 @dataclass(frozen=True)
 class PrintedRun:
-    """A recording of the OpenACC database, with the window and vehicles that the paper took."""
+    """A recording of the OpenACC database, and what the paper took of it."""
 
     campaign: str
     file: str
-    window: Window
+    windows: tuple[Window, ...]
     vehicles: tuple[int, ...]
     case: Case = "II"
+    preset: str = "fast"
+    """The PiNN's preset that finds what the paper prints, in seconds."""
 
     def __str__(self) -> str:
-        """The recording, window and vehicles in a line."""
+        """The recording, windows and vehicles in a line."""
         vehicles = f"vehicles {self.vehicles[0]}–{self.vehicles[-1]}"
         case = f", Case {self.case}" if len(self.vehicles) > 2 else ""
-        return f"OpenACC {self.campaign}, {self.file}, {self.window}, {vehicles}{case}"
+        windows = joined([*map(str, self.windows)])
+        return f"OpenACC {self.campaign}, {self.file}, {windows}, {vehicles}{case}"
 
     def is_of(self, recording: Recording) -> bool:
         """Whether that recording is the one that the paper took."""
         return recording.source == self.file and recording.campaign == self.campaign
+
+    def analysis(self, recording: Recording) -> Analysis:
+        """The question whose estimate stands beside what is printed."""
+        return Analysis.of(
+            recording,
+            self.windows,
+            self.vehicles,
+            case=self.case,
+            model=PAPER,
+            method="pinn",
+            settings=PRESETS[self.preset],
+        )
 
 
 @dataclass(frozen=True)
@@ -128,9 +161,9 @@ def _row(vehicles: ParameterSet) -> PrintedVerdicts:
     return _no(ParameterSet(vehicles.title, ("All followers",), vehicles.parameters[:1]))
 
 
-CASALE_RUN = PrintedRun("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))
+CASALE_RUN = PrintedRun("Casale", "part7.csv", (Window(0.0, 300.0),), (1, 2))
 ASTAZERO_RUN = PrintedRun(
-    "AstaZero", "ASta_040719_platoon5.csv", Window(320.0, 620.0), (1, 2, 3, 4, 5)
+    "AstaZero", "ASta_040719_platoon5.csv", (Window(320.0, 620.0),), (1, 2, 3, 4, 5)
 )
 RUNS = (CASALE_RUN, ASTAZERO_RUN)
 _SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
@@ -159,6 +192,60 @@ ITEMS = (
 """In the order of the checklist; Figure 1 is a drawing of the network."""
 
 
+def journey(title: str) -> PrintedRun:
+    """The recording, windows, vehicles, Case and preset that lead to "Table I", "II" or "III"."""
+    (item,) = (item for item in ITEMS if item.title == title)
+    assert item.run is not None  # as each of these tables has one
+    return item.run
+
+
+@cache
+def inconsistencies() -> tuple[str, ...]:
+    """Where the paper's text contradicts its own Table III, by the parameters printed there."""
+    peaks = []
+    for campaign, printed in (("AstaZero", ASTAZERO), ("Ispra-Vicolungo", VICOLUNGO)):
+        vehicles = stability_report(printed.parameters).vehicles
+        k = max(range(len(vehicles)), key=lambda k: vehicles[k].peak.gain)
+        peak = vehicles[k].peak
+        peaks.append(
+            f"{peak.db:.2f} dB at {peak.omega:.3f} rad/s for {campaign} ({printed.labels[k]})"
+        )
+    gain = _decibels(ASTAZERO.parameters[MARGINAL], MARGINAL_AT)
+    return (
+        f"The paper's text gives {TEXT_PEAK:g} dB at {TEXT_PEAK_AT:g} rad/s as the largest"
+        f" amplitude of both campaigns. By its Table III it is {joined(peaks)}.",
+        f"The caption of its Bode plots calls vehicle {MARGINAL + 1} of AstaZero"
+        f" ({ASTAZERO.labels[MARGINAL]}) marginally string stable at {MARGINAL_AT:g} rad/s. By its"
+        f" Table III the gain there is {gain:.2f} dB.",
+    )
+
+
+def _decibels(vehicle: Parameters, omega: RadiansPerSecond) -> float:
+    """|H| of one vehicle at a frequency, in dB."""
+    return float(20 * np.log10(np.abs(response(vehicle[None], np.array([omega]))[0, 0])))
+
+
+def deviations(printed: PrintedVerdicts, learned: Parameters) -> FloatArray:
+    """(M, 3) relative difference of learned α, β and τ from the printed ones.
+
+    One learned set stands for all rows, as where the paper prints several starts of one training.
+    """
+    return np.asarray(learned.values / printed.vehicles.parameters.values - 1)
+
+
+def agrees(printed: PrintedVerdicts, learned: Parameters) -> bool:
+    """Whether every learned parameter lies within `TOLERANCE` of the printed one."""
+    return bool((np.abs(deviations(printed, learned)) <= TOLERANCE).all())
+
+
+def learned_line(printed: PrintedVerdicts, learned: Parameters) -> str:
+    """The largest deviation of each parameter; a tick goes before where all agree."""
+    most = 100 * np.abs(deviations(printed, learned)).max(axis=0)
+    off = joined([f"{q.symbol} {value:.0f} %" for q, value in zip(PARAMETERS, most, strict=True)])
+    tick = f"{TICK} " if agrees(printed, learned) else ""
+    return f"{tick}learned; deviation at most {off}"
+
+
 def verification_table(verification: Verification) -> Table:
     """One row a part: how it was checked, whether it agrees, and the first difference."""
     checks = sorted(verification.checks, key=lambda check: check.ok)
@@ -178,29 +265,37 @@ def verification_table(verification: Verification) -> Table:
 
 
 def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
-    """A row a follower: printed parameters and verdicts, and what follows from the parameters.
+    """A row a follower: what is printed, what follows from it, and what is learned here.
 
-    Parameters (M,) that were learned here from the same data stand beside the printed ones.
+    Learned parameters are (M,), or one set for all rows. A row has a tick where each parameter lies
+    within `TOLERANCE` of the printed one.
     """
-    assessed = printed.report.vehicles
+    assessed, vehicles = printed.report.vehicles, printed.vehicles
     stable = ([part.stable for part in (v.l2, v.linf_paper, v.linf_exact)] for v in assessed)
     l2, paper, exact = map(_words, zip(*stable, strict=True))
-    return Table.of(
-        printed.vehicles.title,
-        [
-            (Column("Vehicle"), printed.vehicles.labels),
-            *parameter_cells(printed.vehicles.parameters, "Printed"),
-            *(parameter_cells(learned, "Learned here") if learned else ()),
-            (Column("printed", group=L2), _words(printed.l2)),
-            (Column("computed", group=L2), l2),
-            (Column("printed", group=LINF), _words(printed.linf)),
-            (Column("paper's criterion", group=LINF), paper),
-            (Column("exact criterion", group=LINF), exact),
-            (replace(GAIN, group=LINF), [v.linf_gain for v in assessed]),
-            (replace(PEAK, group=MAGNITUDE.name), [v.peak.db for v in assessed]),
-            (replace(PEAK_AT, group=MAGNITUDE.name), [v.peak.omega or None for v in assessed]),
-        ],
-    )
+    filled: list[Filled] = [
+        (Column("Vehicle"), vehicles.labels),
+        *parameter_cells(vehicles.parameters, PRINTED),
+        (Column(L2, group=PRINTED), _words(printed.l2)),
+        (Column(LINF, group=PRINTED), _words(printed.linf)),
+        (Column(L2, group=RECOMPUTED), l2),
+        (Column(f"{LINF}, paper's criterion", group=RECOMPUTED), paper),
+        (Column(f"{LINF}, exact", group=RECOMPUTED), exact),
+        (replace(GAIN, group=RECOMPUTED), [v.linf_gain for v in assessed]),
+        (replace(PEAK, title=MAGNITUDE.name, group=RECOMPUTED), [v.peak.db for v in assessed]),
+        (replace(PEAK_AT, group=RECOMPUTED), [v.peak.omega or None for v in assessed]),
+    ]
+    if learned is None:
+        return Table.of(vehicles.title, filled)
+    away = deviations(printed, learned)
+    rows = np.broadcast_to(learned.everything, (len(vehicles), learned.everything.shape[-1]))
+    filled += parameter_cells(Parameters.of(rows), LEARNED)
+    for quantity, column in zip(PARAMETERS, 100 * away.T, strict=True):
+        filled.append((Column(quantity.symbol, "%", 0, DEVIATION), column))
+    ticks: list[Cell] = [TICK if close else None for close in (np.abs(away) <= TOLERANCE).all(1)]
+    filled.append((Column("Agrees", group=DEVIATION), ticks))
+    caption = f"{vehicles.title}; {TICK}: each parameter within {100 * TOLERANCE:.0f} %"
+    return Table.of(caption, filled)
 
 
 def _words(verdicts: Iterable[bool]) -> list[str]:

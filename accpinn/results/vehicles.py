@@ -1,4 +1,4 @@
-"""The vehicles of a result where their string stability is shown: the answer, where it is known.
+"""The vehicles of a result where their string stability is shown, and what is known of them.
 
 Pages, report and command line take vehicles, verdicts, intervals and the measured gain's word on
 them from here, so that they say the same.
@@ -14,7 +14,6 @@ from accpinn.errors import ParameterError
 from accpinn.findings import capital
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws, growth
-from accpinn.methods.estimate import Outcome
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -24,7 +23,7 @@ from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.result import Result
-from accpinn.units import Quantity, MetresPerSecond, RadiansPerSecond
+from accpinn.units import MetresPerSecond, Quantity, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -36,11 +35,11 @@ class KnownVehicles:
 
     vehicles: ParameterSet
     uncertainty: Uncertainty | None = None
-    """That of the vehicles; None for parameters without a recording, and a stopped training."""
+    """That of the vehicles; None for a point."""
     checks: tuple[GainCheck, ...] = ()
-    """The measured gain of each that has one; empty for the estimate of a method."""
+    """Their gain beside the measured one; empty for a point."""
     result: Result | None = None
-    """Whose parameters they are; None for those that are published or typed in."""
+    """The result that they are of; None for parameters that are published or typed in."""
     speed: MetresPerSecond | None = None
     """At which they are linearised, where that is not each vehicle's median speed."""
     origin: str = ""
@@ -66,8 +65,7 @@ class KnownVehicles:
     @property
     def median_speed(self) -> MetresPerSecond:
         """The vehicles' median speed in the recording, or that of parameters without one."""
-        stored = self.result.known_answer if self.result else None
-        return float(np.median(stored.speeds)) if stored else Sinusoid.speed
+        return float(np.median(self.result.estimate.speeds)) if self.result else Sinusoid.speed
 
     def growth(
         self, order: Sequence[int], omega: RadiansPerSecond | None = None
@@ -101,10 +99,11 @@ class KnownVehicles:
         if known:
             drawn = model.linearisations(np.moveaxis(known.draws.own, -1, 0), speed)
             every = drawn.everything.copy()
-            for k in range(every.shape[1]):  # a vehicle has an equilibrium where its answer has one
+            for k in range(every.shape[1]):  # a vehicle has an equilibrium where its estimate has
                 kept = np.isfinite(every[:, k]).all(axis=1)
-                every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
-            known = from_draws(there.parameters, Parameters.of(every), known.level, known.method)
+                if kept.any():
+                    every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
+            known = from_draws(there.parameters, Parameters.of(every), known.level)
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
 
 
@@ -169,17 +168,15 @@ def by_hand(info: SegmentInfo) -> tuple[float, ...]:
 
 
 def known_vehicles(result: Result) -> KnownVehicles:
-    """The answer's followers; those of the method where the answer is not known."""
-    info, fit, known = result.info, result.fit, result.known_answer
-    several = f"{info.source}, {len(result.infos)} windows" if len(result.infos) > 1 else ""
+    """The followers of an estimate, with the intervals and gain checks that a posterior gives."""
+    info, estimate = result.info, result.estimate
     vehicles = ParameterSet(
-        several or where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:],
-        by_hand(info), fit.model,
-    )  # fmt: skip
-    if known and np.isfinite(known.parameters.complete).all():
-        vehicles = replace(vehicles, parameters=known.parameters, model=known.model)
-        return KnownVehicles(vehicles, known.uncertainty, result.gain_checks, result)
-    is_known = result.parts.uncertainty is not None or bool(result.segments)
-    stopped = result.fit.outcome is Outcome.STOPPED
-    uncertainty = result.uncertainty if is_known and not stopped else None
-    return KnownVehicles(vehicles, uncertainty, result=result)
+        where(info, windows=result.infos),
+        info.names[1:],
+        estimate.parameters,
+        info.vehicles,
+        info.labels[1:],
+        by_hand(info),
+        estimate.model,
+    )
+    return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)

@@ -9,14 +9,14 @@ from streamlit.delta_generator import DeltaGenerator
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.results.figures import comparison as figures
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import true_model
+from accpinn.results.messages.estimate import true_model
 from accpinn.results.messages.summary import which_model
 from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of
 from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import recording_needed
+from pages.ui.components.result import recording_needed, show_cards
 from pages.ui.components.show import KMH, escape_markdown, kept, pick
 from pages.ui.session.workspace import Workspace
 
@@ -28,17 +28,16 @@ ABOUT = (
     "RMSE of the gap: geometric mean over the windows left out. Beyond the best: error above that"
     " of the best model, mean ± one standard error over windows. |H| off: rms difference from the"
     " gain measured from the recording (Welch's method), a dash where none is measured. The"
-    " verdicts on stability are for small disturbances at that speed. Each model is fitted by"
-    " simulation alone, so its numbers are not the answer's."
+    " verdicts on stability are for small disturbances at that speed."
 )
 
 
 def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
-    """The question, its work, and the answer of each follower; ``about`` names the data."""
+    """The question, its work, and what is found of each follower; ``about`` names the data."""
     task = workspace.judgement
     if workspace.recording is None:
         show_judged(workspace, workspace.judgements)
-        recording_needed(workspace, "To judge models, the page needs")
+        recording_needed(workspace, "To compare models, the page needs")
         return
     subjects = workspace.subjects
     every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
@@ -59,7 +58,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
         seconds = seconds_of(sum(len(one.windows) for one in subjects))
         takes = show.format_duration(share * seconds)
         if st.button(
-            f"Judge {len(chosen)} models (about {takes})", key="models_run", disabled=not chosen,
+            f"Compare {len(chosen)} models (about {takes})", key="models_run", disabled=not chosen,
             type="secondary" if task else "primary", icon=":material/gavel:",
         ):  # fmt: skip
             workspace.judge_models(chosen)
@@ -76,7 +75,7 @@ def _parameters(models: Sequence[str]) -> int:
 
 
 def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
-    """Each follower's answer; charts and details of one once all models are judged."""
+    """What is found of each follower; charts and details of one once all models are judged."""
     if not judged:
         return
     if polled:
@@ -87,7 +86,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         st.markdown(f"**{escape_markdown(said)}**")
     if workspace.true_parameters and (made := true_model(workspace.true_parameters)):
         st.caption(f"This sample was made with the {escape_markdown(FOLLOWING[made].title)}.")
-    _take_model(workspace, judged)
+    _estimate_cars(workspace, judged)
     if workspace.result:
         frame.link(frame.SNAPSHOTS, "Next: keep the result as a snapshot", workspace)
     with st.container(horizontal=True, vertical_alignment="bottom"):
@@ -104,28 +103,31 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     _show_follower(car, speed)
 
 
-def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
-    """Make the model that held-out windows clearly favour that of the answer."""
-    best = {one.ranked[0].model.key for one in judged if one.is_clear}
-    if len(best) != 1 or best == {workspace.asked.model} or not workspace.segment:
+def _estimate_cars(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
+    """A button for each car that another model clearly describes best, and what came of it."""
+    spec = workspace.result.estimate.spec if workspace.result else workspace.spec
+    cars, own = workspace.cars, workspace.own_results
+    better = [one for one in judged if one.is_clear and one.ranked[0].key != spec.model]
+    if workspace.recording is None or not better:
         return
-    (key,) = best
-
-    def take() -> None:
-        config = workspace.config  # which may be refused, before anything is changed
-        workspace.choose_model(key)
-        workspace.train(config)
-        st.session_state[frame.TURN] = frame.TRAIN
-
-    with st.container(horizontal=True, vertical_alignment="center"):
-        st.button(
-            f"Take the {FOLLOWING[key].title} for the answer", key="models_take",
-            icon=":material/swap_horiz:", on_click=take,
-        )  # fmt: skip
-        st.caption(
-            "The windows left out clearly favour it. Train, Stability and Platoon then have its"
-            " parameters, and what follows from them at the vehicle's median speed."
-        )
+    for one in better:
+        number, model = one.info.vehicles[1], one.ranked[0].key
+        task = cars.get(number)
+        if task and task.is_active:
+            stop_button(task, "Stop", f"models_stop_{number}")
+            monitor(task)
+        elif number in own and own[number].estimate.model == model:
+            show_cards(own[number])
+        else:
+            st.button(
+                f"Estimate {one.info.labels[1]} with the {FOLLOWING[model].title}",
+                key=f"models_take_{number}", icon=":material/directions_car:",
+                on_click=workspace.estimate_car, args=(number, model),
+                help="This car alone behind the vehicle ahead, in its windows in car-following, by"
+                " the recommended method; Stability and Platoon can then take it from there.",
+            )  # fmt: skip
+    if own and workspace.result:
+        frame.link(frame.STABILITY, "String stability with cars from several results", workspace)
 
 
 def _show_follower(one: Judgement, speed: MetresPerSecond) -> None:

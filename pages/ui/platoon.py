@@ -21,7 +21,7 @@ from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
-from accpinn.results.messages.answer import against_answer
+from accpinn.results.messages.estimate import contradictions
 from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import Cast, KnownVehicles
@@ -90,7 +90,7 @@ def show_page(workspace: Workspace) -> None:
     run = simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
     cast = Cast(chosen, tuple(order))
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
-    _show_answer(workspace, source, run, cast, recorded)
+    _show_run(workspace, source, run, cast, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
@@ -102,7 +102,7 @@ def show_page(workspace: Workspace) -> None:
 
 def _are_recorded(source: KnownVehicles, cast: Cast, recorded: Segment) -> bool:
     """Whether a platoon is the recorded one: in Case I all followers have one parameter set."""
-    if source.result and source.result.fit.case == "I":
+    if source.result and source.result.estimate.case == "I":
         return len(cast.labels) == len(recorded.labels)
     return cast.labels[1:] == recorded.labels[1:]
 
@@ -114,7 +114,7 @@ def open_panels(workspace: Workspace) -> None:
     workspace.choices[TABS] = PANELS
 
 
-def _show_answer(
+def _show_run(
     workspace: Workspace,
     source: KnownVehicles,
     run: PlatoonRun,
@@ -144,11 +144,11 @@ def _show_answer(
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-        show.cautions(against_answer(source.result))
+        show.cautions(contradictions(source.result))
         if source.result and source.result is workspace.result:
             label = "Next: which model describes these cars?"
             frame.ask_which_model(workspace, label, "platoon_next", "tertiary")
-    # The answer names the collisions already.
+    # The lines above name the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, cast), "warning")
 
@@ -250,9 +250,9 @@ def parse_order(text: str, count: int) -> list[int]:
 
 
 def _windows(workspace: Workspace, source: KnownVehicles) -> list[Segment]:
-    """Those of the answer, else the open one, whose leader can drive: all of its speed is known."""
-    of_answer = source.result.segments if source.result else ()
-    windows = of_answer or filter(None, (workspace.segment,))
+    """Those of the estimate, else the open one, in which all of the leader's speed is known."""
+    own = source.result.segments if source.result else ()
+    windows = own or filter(None, (workspace.segment,))
     return [
         segment
         for segment in windows

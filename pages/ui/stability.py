@@ -14,8 +14,7 @@ from accpinn.results.figures.stability import cloud_caption
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import stability as words
-from accpinn.results.messages.answer import against_answer, assumption
-from accpinn.results.messages.summary import conditional
+from accpinn.results.messages.estimate import assumption, contradictions
 from accpinn.results.tables import stability as tables
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN
@@ -40,9 +39,10 @@ PLATOON = (
     " last one."
 )
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+SEVERAL = "Each car by the model of its own result, linearised at its median speed."
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
-    " snapshot with its data."
+    " snapshot."
 )
 
 
@@ -54,7 +54,7 @@ def show_page(workspace: Workspace) -> None:
     is_nonlinear = chosen.vehicles.parameters.own.size > 0
     with answer_column:
         source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
-        _show_answer(source)
+        _show_verdict(workspace, source)
         _show_simulate(workspace, source)
     with chart_column:
         shown = _show_bode(workspace, source)
@@ -79,7 +79,7 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
     return source if speed == median / KMH else source.at_speed(speed)
 
 
-def _show_answer(source: KnownVehicles) -> None:
+def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     with st.container(border=True):
@@ -96,17 +96,12 @@ def _show_answer(source: KnownVehicles) -> None:
                 l2, linf = (verdict.word for verdict in both)
                 lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
             why = escape_markdown(words.along_platoon(source))
-            of = "estimates" if result else "parameters"
-            st.markdown(
-                f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
-                help=PLATOON,
-            )
-        assumed = words.GIVEN_PARAMETERS
-        if result:
-            stored = result.known_answer
-            assumed = assumption(stored, source.speed) if stored else conditional(result, None)
+            st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
+        assumed = assumption(result, source.speed) if result else words.GIVEN_PARAMETERS
+        if result is None and workspace.parameter_source == "several":
+            assumed = SEVERAL
         st.caption(escape_markdown(assumed))
-        show.cautions(against_answer(source.result))
+        show.cautions(contradictions(result))
 
 
 def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
@@ -249,8 +244,8 @@ def _show_criteria(source: KnownVehicles) -> None:
         f" vehicle with its α and β.{posterior if known else ''}"
     )
     show.downloads(table, f"criteria_{chosen.title}".lower(), "criteria")
-    if known and source.result:
-        show.messages(messages(known.findings, source.result.info))
+    if source.result:
+        show.messages(messages(source.result.findings, source.result.info))
 
 
 def _show_map(workspace: Workspace, source: KnownVehicles) -> None:

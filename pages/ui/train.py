@@ -1,7 +1,7 @@
-"""The page Train: preset, options, the buttons that start and stop, and what is learned."""
+"""The page Train: preset, model, options, the button that starts, and the estimate."""
 
 import math
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
@@ -10,56 +10,58 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
-from accpinn.methods import least_squares
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import CTHPS, PAPER, TITLES, has_terms_of
+from accpinn.methods import Segments
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.pinn.config import PRESETS, STARTS, PresetName
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
+from accpinn.model.registry import TITLES, has_terms_of
+from accpinn.recordings import Recording
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.segment import Segment
-from accpinn.study.result import Result
+from accpinn.study import Analysis
+from accpinn.study.result import Result, result_of
 from accpinn.tasks import Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import BANDS, banner, recording_needed, show_result
+from pages.ui.components.result import BANDS, banner, show_cards, show_result
 from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import segment_of, store
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
-PRESET_LINES = {
-    "calibrated": "Seconds: the most probable parameters; unbiased if the model holds.",
-    "fast": "Seconds: minimum of the paper's loss, solved exactly; biased if disturbances last.",
-    "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
+LINES: dict[tuple[PresetName, str], str] = {
+    ("calibrated", "pinn"): "PiNN, calibrated: the most probable parameters, with intervals.",
+    ("calibrated", "simulation"): "Closed-loop simulation, the least error of gap and speed, with"
+    " intervals.",
+    ("fast", "pinn"): "The paper's loss, solved exactly: a point, biased where disturbances last.",
+    ("paper", "pinn"): "The paper's training by gradient, many minutes: a point, biased where"
+    " disturbances last.",
 }
+"""What a preset's method gives, by both."""
 REDRAWN = 1.1
 """Growth of the iterations after which the live charts are drawn anew: less is not seen on their
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
-FIRST_DRAWING: Seconds = 1.0
+FIRST_DRAWING: Seconds = 0.3
 """Seconds of training before the first curves: drawing would slow a short one."""
-MOVES = 5_000
-FLAT = (
-    "They stay nearly flat for the first thousands of iterations, as a network on raw time learns"
-    " slow motions first, and α, β and τ are then far from where they end."
-)
-"""Said of the preset `paper` before its iteration `MOVES`."""
+LIVE = 480
+"""Height in pixels of the live chart of the curves."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
+)
+MODEL_HELP = (
+    "Recommended and Fast estimate every CTHP by the network; Recommended estimates the nonlinear"
+    " models, as the IDM, by closed-loop simulation. Of the CTHPs, that with s₀ and a delay d"
+    " predicts the gaps of other windows and the measured gain best; the paper's has neither."
 )
 START_HELP = (
     "Where the search begins for the CTHPs; IDM and FVDM begin at typical values. From other starts"
     " the same minimum should be found: page Compare trains from five."
 )
 
-MODEL_HELP = (
-    "The answer has the parameters of this model, whichever preset is chosen. The presets fast and"
-    " paper train with the residual of any model, calibrated with that of any CTHP; where IDM or"
-    " FVDM is chosen it estimates the CTHP with s₀ and a delay."
-    " In the answer IDM and FVDM are estimated by simulation. Of the CTHPs, the one with s₀ and a"
-    " delay d predicts the gaps of other windows and the measured gain best."
-)
 WEIGHT_PHYSICS = (
     "Of the squared residual of the model's equation. A larger weight binds the curves to the"
     " model, a smaller one to the data."
@@ -99,7 +101,7 @@ place in the setting where it has several numbers."""
 
 
 def show_page(workspace: Workspace) -> None:
-    if workspace.segment or workspace.result:
+    if workspace.segment:
         _show_training(workspace)
     else:
         frame.empty_state(workspace, "Nothing to train on")
@@ -112,70 +114,81 @@ def show_page(workspace: Workspace) -> None:
 
 def _show_training(workspace: Workspace) -> None:
     segment, result, training = workspace.segment, workspace.result, workspace.training
+    assert segment is not None
     banner(workspace)
-    if about := workspace.info:
-        windows = result.analysis.windows if result else workspace.several_windows
-        st.caption(frame.segment_line(about, workspace.asked.case, windows))
-        show.not_acc(about)
-    if segment:
-        # On a narrow screen a result comes before what led to it, while a training can be stopped.
-        done = result is not None and not (training and training.is_active)
-        with st.container(key="later_1_train" if done else "train_controls"):
-            _controls(workspace)
-    else:
-        recording_needed(workspace, "To train further, the page needs")
-    if training and segment:
-        monitor(training, lambda running: _show_run(workspace, segment, running))
+    windows = result.analysis.windows if result else workspace.windows
+    st.caption(frame.segment_line(segment, workspace.asked.case, windows))
+    show.not_acc(segment)
+    # On a narrow screen a result comes before what led to it, while a training can be stopped.
+    done = result is not None and not (training and training.is_active)
+    with st.container(key="later_1_train" if done else "train_controls"):
+        _controls(workspace)
+    if training:
+        monitor(training, lambda running: _show_run(workspace, training, running))
     if result:
         is_saved = result is workspace.restored
         show_result(
             workspace, result, "train", lambda: result if is_saved else workspace.as_snapshot(),
-            (lambda: _next_button(workspace)) if segment else None,
-            {"Validation": lambda: _show_validation(workspace)} if segment else {},
+            lambda: _next_button(workspace, result),
+            {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
 
 
-def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
-    """What is known of a training that runs; folded where the result before it stands below."""
-    training, recording, case = workspace.training, workspace.recording, workspace.asked.case
-    history = training.history() if running and training else None
-    if training is None or history is None or history.seconds[-1] <= FIRST_DRAWING:
+def _show_run(workspace: Workspace, training: Task[Result], running: bool) -> None:
+    """What is known of a training that runs: its point, and how it moves."""
+    history, asked, point = training.history(), training.analysis, training.point
+    if not running or asked is None:
         return
-    asked, truth = training.analysis, workspace.true_parameters
-    if asked and recording:  # of several windows the first
-        segment = segment_of(recording, asked.window, asked.vehicles, asked.excluded)
-    model = asked.spec.model if asked else PAPER
+    data = _segments(workspace, asked)
+    if point:
+        st.caption("The estimate is known; its intervals follow.")
+        show_cards(_of_point(training, point, data, workspace.recording))
+    if history is None or history.seconds[-1] <= FIRST_DRAWING:
+        return
+    truth, segment = workspace.true_parameters, data[0]
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
-    drawn, curves = _live_figures(training, segment, case, model, truth, step)
-    with st.expander("The running training") if workspace.result else nullcontext():
-        has_truth, is_cthp = truth is not None and has_terms_of(model, truth), model in CTHPS
-        show.follower_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
+    drawn, curves = _live_figures(training, segment, truth, step)
+    has_truth = truth is not None and has_terms_of(asked.spec.model, truth)
+    left, right = st.columns((1, 1.25))
+    with left:
+        if curves:
+            show.chart(curves, "train_live_tracking")
+    with right:
+        show.follower_key(segment, has_truth, segment.shares(asked.case))
+        show.charts([*drawn.items()], "train_live")
         if history.deviations is not None:
             st.caption(BANDS)
-        show.charts([*drawn.items()], "train_live")
-        if curves:
-            # Widgets must not stand in what is drawn again and again: it is the first follower's.
-            is_papers = asked is not None and asked.settings.get("preset") == "paper"
-            said = f"{escape_markdown(segment.labels[1])}: the data and the network's curves."
-            st.caption(f"{said} {FLAT}" if is_papers and history.iteration[-1] < MOVES else said)
-            show.chart(curves, "train_live_tracking")
+
+
+def _segments(workspace: Workspace, asked: Analysis) -> Segments:
+    """The data of a training that runs."""
+    if recording := workspace.recording:
+        about = asked.vehicles, asked.excluded
+        return tuple(segment_of(recording, window, *about) for window in asked.windows)
+    return workspace.segments
 
 
 @lru_cache(maxsize=8)  # each training at one time needs one
+def _of_point(
+    training: Task[Result], point: Estimate, segments: Segments, recording: Recording | None
+) -> Result:
+    """The result that a point is so far."""
+    assert training.analysis is not None
+    return result_of(training.analysis, segments, point, recording)
+
+
+@lru_cache(maxsize=8)
 def _live_figures(
-    training: Task[Result],
-    segment: Segment,
-    case: Case,
-    model: str,
-    truth: Parameters | None,
-    step: int,
+    training: Task[Result], segment: Segment, truth: Parameters | None, step: int
 ) -> tuple[dict[str, go.Figure], go.Figure | None]:
     """The figures of a training at a ``step``: loss and parameters and, if known, the curves."""
-    history, curves = training.history(), training.surrogate
-    assert history is not None  # a training that has begun to draw has one
-    solved = least_squares.fit(segment, case).parameters
-    drawn = training_figures(history, segment.info, model, truth, solved)
-    return drawn, tracking(segment, 0, curves, None) if curves else None
+    history, curves, asked = training.history(), training.curves, training.analysis
+    assert history is not None
+    assert asked is not None
+    drawn = training_figures(history, segment.info, asked.spec.model, truth)
+    own = "simulation so far" if asked.has_posterior else "network"
+    # Widgets must not stand in what is drawn again and again: it is the first follower's.
+    return drawn, tracking(segment, 0, curves, own=own, height=LIVE) if curves else None
 
 
 def _show_validation(workspace: Workspace) -> None:
@@ -190,46 +203,48 @@ def _show_validation(workspace: Workspace) -> None:
     show_validation(workspace)
 
 
-def _next_button(workspace: Workspace) -> None:
-    """The next step, and another model where the answer's misses the drive."""
-    known = workspace.result.known_answer if workspace.result else None
+def _next_button(workspace: Workspace, result: Result) -> None:
+    """The next step, and another model where this one misses the drive."""
     with st.container(horizontal=True):
         if st.button(
-            "Next: string stability in detail", icon=":material/arrow_forward:",
-            key="train_next", type="primary",
+            "Next: string stability", icon=":material/arrow_forward:", key="train_next",
+            type="primary",
         ):  # fmt: skip
-            workspace.choose_source("fit")
+            workspace.choose_source("estimate")
             frame.go(frame.STABILITY, workspace)
-        if known and not all(trust.is_reproduced for trust in known.trust):
+        if not all(trust.is_reproduced for trust in result.trust):
             frame.ask_which_model(workspace, "Which model misses less?", "train_models")
 
 
 def _controls(workspace: Workspace) -> None:
     preset = workspace.preset
-    with st.container(horizontal=True, vertical_alignment="center"):
+    asked = show.attempt(workspace.analysis)
+    with st.container(horizontal=True, vertical_alignment="bottom"):
         segments(
-            "Preset", {name: name.capitalize() for name in PRESET_LINES}, preset, "train_preset",
+            "Preset", TITLE_OF, preset, "train_preset",
             lambda name: setattr(workspace, "preset", name),
         )  # fmt: skip
-        place = st.container(horizontal=True, width="content")
-        st.toggle("Options", key="train_options", help="All settings of the preset.")
-        changed = " With your options." if workspace.settings.get(preset) else ""
-        same = " The preset does not change the answer, only the method's own estimate below it."
-        st.caption(PRESET_LINES[preset] + same + changed, width="stretch")
-    if st.session_state.get("train_options"):
+        select(
+            "Model", TITLES, workspace.spec.model, "train_model", workspace.choose_model,
+            labelled=False, width=330, help=MODEL_HELP,
+        )  # fmt: skip
+        _buttons(workspace, asked)
+        method = METHODS[asked.method] if asked else METHODS["pinn"]
+        has_options = method.settings is not None
+        st.toggle("Options", key="train_options", disabled=not has_options)
+    changed = " With your options." if workspace.settings.get(preset) else ""
+    fixed = f" Fixed: {workspace.spec.in_words.partition(', ')[2]}." * bool(workspace.spec.fixed)
+    st.caption(escape_markdown(LINES[preset, method.key] + changed + fixed))
+    if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)
-    config = show.attempt(lambda: workspace.config)
-    with place:
-        _buttons(workspace, config)
 
 
-def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
+def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
     training = workspace.training
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
         return
-    asked = workspace.training_analysis(config) if config else None
     at = store().stopped_at(asked) if asked else None
     label, icon = ("Start training", "play_arrow")
     if at is not None:
@@ -239,7 +254,7 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
         type="secondary" if workspace.result else "primary",
         icon=f":material/{icon}:",
         key="train_start",
-        disabled=config is None,
+        disabled=asked is None,
         on_click=_start,
         args=(workspace,),
         help=CONTINUES if at is not None else None,
@@ -253,7 +268,7 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
 
 def _start(workspace: Workspace, anew: bool = False) -> None:
     with suppress(ConfigError):  # the page shows what is wrong with a setting
-        workspace.train(workspace.config, anew)
+        workspace.train(anew)
 
 
 # The preset's settings, and the user's changes to them
@@ -264,10 +279,6 @@ def _show_options(workspace: Workspace) -> None:
     preset = workspace.preset
     changes = workspace.settings.setdefault(preset, {})
     settings = PRESETS[preset].to_json() | changes
-    select(
-        "Model of the answer", TITLES, workspace.asked.model, "train_model", workspace.choose_model,
-        width=380, help=MODEL_HELP,
-    )  # fmt: skip
     fields = {name: field for name, field in OPTIONS.items() if preset in field[2].split()}
     count = len(fields) + 1 + ("initial-0" in fields)
     places = [column for _ in range(math.ceil(count / 4)) for column in st.columns(4)]

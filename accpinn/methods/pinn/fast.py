@@ -281,8 +281,7 @@ class FastTraining(LossTraining):
         features, learnable = torch.from_numpy(window.projection.skipped), window.learnable
 
         def motion(pick: Any) -> Motion:
-            seen, layer = features[pick], learnable.first_layer(self.order)
-            active = learnable.activated([seen @ part for part in layer])
+            active = learnable.activated(features[pick], learnable.first_layer(self.order))
             pairs = zip(fixed, active, strict=True)
             return Motion(*(part[pick] + moved @ through for part, moved in pairs))
 

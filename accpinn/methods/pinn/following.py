@@ -8,7 +8,7 @@ model's bounds. Gauss-Newton steps in the output layer W and z together are take
 as `methods.simulation` has it for simulations, where W are the output layers of all windows, which
 z alone links, and the duration is that of all. Near the present outputs a follower's residual is
 
-    v̂' - f ≈ D w - c - F dz,    D = (Φ' - f_v Φ, -f_p Φ, -f_u Φ),    F = ∂f/∂z,
+    v̂' - f ≈ D w - c - F dz,    D = (-f_p Φ, Φ' - f_v Φ, -f_u Φ),    F = ∂f/∂z,
 
 so w = w₀ + Y dz is the chain of `projection`, solved window by window for several right-hand sides,
 and dz follows from the Schur complement, the curvature of the objective's profile. Gradients are of
@@ -53,8 +53,6 @@ from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_speeds
 from accpinn.units import FloatArray, Seconds
 
-OWN_FIRST = [1, 0, 2]
-"""The order of `projection`, own speed before the gap, among gap, own speed and speed ahead."""
 APART: Seconds = 0.3
 """Between instants over which D's squares are summed."""
 SHORTENED = 6
@@ -96,7 +94,7 @@ class FollowingFast(FastTraining):
         """Begin at the user's initial values or at typical ones."""
         self.model = FOLLOWING[spec.model]
         self._bounds, self._speeds = bounds_of(self.model, spec.fixed), median_speeds(segments)
-        self._places = np.array(command_columns(segments[0].followers))[OWN_FIRST]
+        self._places = np.array(command_columns(segments[0].followers))
         super().__init__(segments, case, config, threads, spec)
 
     def _initial(self) -> FloatArray:
@@ -126,7 +124,7 @@ class FollowingFast(FastTraining):
         """The output layer of the curves that smooth the data, near which the first step is."""
         right = data_moments(seen.sums, self.config)[..., None]
         kinematic = gap_blocks(seen.sums, self.config)
-        return solve_chain(seen.sums, lambda _: kinematic, right, self.config)[..., 0]
+        return solve_chain(seen.sums, lambda _: kinematic.copy(), right, self.config)[..., 0]
 
     def _seen(self, window: Surrogate, solution: FloatArray) -> Seen:
         seen = super()._seen(window, solution)
@@ -233,7 +231,7 @@ class FollowingFast(FastTraining):
 
     def _linear(self, window: Surrogate, at: Fitted, z: FloatArray) -> Step:
         """The step of one window, by its output layer and z."""
-        seen, own, data = at.seen, self._places[0], window.data
+        seen, own, data = at.seen, self._places[1], window.data
         value, slopes = self._expanded(at.motion, z)
         lags = np.broadcast_to(self.model.term(self._theta(z), "lag"), self.followers)
         missing = value - at.motion.rates[:, own]
@@ -249,7 +247,7 @@ class FollowingFast(FastTraining):
         for k, lag in enumerate(lags):
             then = seen.earlier[k] if seen.earlier else seen.whole
             rate = seen.whole[:, 1] + lag * seen.whole[:, 2] if lag else seen.whole[:, 1]
-            slope, by_z, error = slopes[OWN_FIRST, :, k].T, slopes[3:, :, k].T, missing[:, k, None]
+            slope, by_z, error = slopes[:3, :, k].T, slopes[3:, :, k].T, missing[:, k, None]
             if data.mask is not None:
                 parts, kept = (rate, slope, by_z, error), data.mask[:, k, None]
                 rate, slope, by_z, error = (part * kept for part in parts)
@@ -257,10 +255,10 @@ class FollowingFast(FastTraining):
             columns = self._places[:, k]
             gradient[unknowns] += weight * (by_z.T @ error)[:, 0]
             right[:, columns, 0] -= weight * (then[:, 0].T @ (slope * error))
-            right[:, columns[0], 0] += weight * (rate.T @ error)[:, 0]
+            right[:, columns[1], 0] += weight * (rate.T @ error)[:, 0]
 
             design = slope[some, :, None] * -then[some, :1]
-            design[:, 0] += rate[some]
+            design[:, 1] += rate[some]
             design = root * design.reshape(len(root), -1)
             beside = root * by_z[some]
             squares, products = design.T @ design, design.T @ beside

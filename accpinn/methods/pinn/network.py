@@ -92,10 +92,15 @@ class Network:
 
     def activations(self, features: Sequence[Array]) -> tuple[Array, ...]:
         """The last tanh layer (N, width) and its derivatives, from those of `features`."""
-        return self.activated(_through(self.hidden[0], features))
+        return self._activated(_through(self.hidden[0], features))
 
-    def activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
-        """The last tanh layer (N, width) and its derivatives, from those of the first layer's z."""
+    def activated(self, seen: Array, layer: Array) -> tuple[Array, ...]:
+        """The same from (1, φ) (N, 1 + F) and `first_layer`, in one product."""
+        through: Any = (seen @ layer).reshape(len(seen), -1, len(self.hidden[0].bias))
+        return self._activated([through[:, k] for k in range(through.shape[1])])
+
+    def _activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
+        """The last layer and its derivatives, from those of the first layer's z."""
         rows: list[Any] = _tanh(through)
         for layer in self.hidden[1:]:
             rows = _tanh(_through(layer, rows))
@@ -116,10 +121,11 @@ class Network:
             parts.append(weights)
         return parts
 
-    def first_layer(self, order: int) -> list[Any]:
-        """(1 + F, width) the first layer's weights, biases in the first row; see `derived`."""
-        weight, bias = self.hidden[0]
-        return self.derived(library_of(weight).concatenate((bias[None], weight.T)), order)
+    def first_layer(self, order: int) -> Any:
+        """(1 + F, (1 + order) width) what gives the first layer's z and its derivatives."""
+        (weight, bias), library = self.hidden[0], library_of(self.hidden[0].weight)
+        parts = self.derived(library.concatenate((bias[None], weight.T)), order)
+        return library.concatenate(parts, axis=1)
 
     def __call__(self, time: Array, order: int = 1) -> tuple[Array, ...]:
         """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and derivatives."""

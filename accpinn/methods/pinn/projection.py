@@ -14,7 +14,7 @@ with their rates:
 so the normal matrix is a chain: eliminating the last follower first leaves one K x K term on the
 speed ahead.
 
-    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
+    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (p_i, v_i) weights, 2K;  B_i 2K x 2K
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 
 What does not pass through the hidden layers is summed once, as values alone: as the rate of (1, φ)
@@ -23,6 +23,7 @@ is (1, φ) L (`network`), sums with rates are those of values times L.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -33,8 +34,8 @@ from accpinn.methods.pinn.loss import output_columns
 from accpinn.methods.pinn.network import Network
 from accpinn.units import FloatArray, Mask, Seconds
 
-_GAP_RATE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Residual of the gap's rate: values and rates of own speed, gap and speed ahead."""
+_GAP_RATE = np.array([[0.0, 1.0, -1.0], [1.0, 0.0, 0.0]])
+"""Residual of the gap's rate: values and rates of gap, own speed and speed ahead."""
 RIDGE = 1e-10
 """Share of the mean squared activation added to the diagonal: activations may be collinear."""
 
@@ -62,7 +63,7 @@ class NormalEquations:
             grams.append(_products(part, len(seen)))
         return replace(self, dynamic_grams=tuple(grams))
 
-    @property
+    @cached_property
     def value_value(self) -> FloatArray:
         """(K, K) ΦᵀΦ with a ridge."""
         values: FloatArray = self.grams[0, 0]
@@ -103,7 +104,7 @@ class Projection:
     def hidden(self) -> FloatArray:
         """(N, 1 + order, width) the present activations and their derivatives."""
         layer = self.network.first_layer(self._order)
-        return np.stack(self.network.activated([self.skipped @ part for part in layer]), axis=1)
+        return np.stack(self.network.activated(self.skipped, layer), axis=1)
 
     def sums(self, hidden: FloatArray) -> NormalEquations:
         """The normal equations of the whole output layer."""
@@ -189,7 +190,7 @@ def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -
     def blocks(follower: int) -> FloatArray:
         """The follower's squared residuals of both equations."""
         alpha, alpha_tau, beta = theta[follower]
-        residual = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
+        residual = np.array([[-alpha, alpha_tau + beta, -beta], [0.0, 1.0, 0.0]])
         dynamic, grams = _form(residual, config.weight_physics[1]), sums.dynamic_grams[follower]
         if grams is sums.grams:
             return _squares(kinematic + dynamic, grams)
@@ -216,45 +217,55 @@ def solve_chain(
 ) -> FloatArray:
     """(K, 2M+1, R) the solution of the chain of the module's head for R right-hand sides at once.
 
-    The blocks (3K, 3K) are a follower's squared residuals, by its speed, its gap and the speed
-    ahead; their upper triangles are read.
+    The blocks (3K, 3K) are a follower's squared residuals, by its gap, its speed and the speed
+    ahead; of six of them those below the diagonal are read.
     """
     size, followers = len(sums.first), right.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
     at_first = restart * np.outer(sums.first, sums.first)
-    value_value = sums.value_value
-    own, both, ahead = slice(size), slice(2 * size), slice(2 * size, None)
+    of_gap, of_speed = (s * sums.value_value + at_first for s in (s_gap, s_speed))
+    gap, speed = slice(size), slice(size, 2 * size)
 
     # From the last follower to the first: what is left of those behind on their speed ahead.
-    behind = np.zeros((size, size + right.shape[2]))
+    behind, given = np.zeros((size, size)), np.zeros((size, right.shape[2]))
     eliminated: list[tuple[FloatArray, FloatArray]] = []
     for follower in reversed(range(followers)):
-        squares = blocks(follower)
-        normal = squares[both, both].copy()
-        normal[own, own] += s_speed * value_value + at_first + behind[:, own]
-        normal[size:, size:] += s_gap * value_value + at_first
-        goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].swapaxes(0, 1).copy()
-        goal[0] += behind[:, size:]
-        # As columns follow one another in memory, LAPACK takes the arrays as they are.
-        factor = cholesky(normal.T, lower=True, overwrite_a=True, check_finite=False)
-        linked = np.concatenate([squares[both, ahead].T, goal.reshape(2 * size, -1).T]).T
-        half = solve_triangular(factor, linked, lower=True, overwrite_b=True, check_finite=False)
-        eliminated.append((factor, half))
-        speed, rest = half[:, own], half[:, size:]
-        behind = np.hstack([-(speed.T @ speed), -(speed.T @ rest)])
-        behind[:, own] += squares[ahead, ahead]
+        system, goal = blocks(follower), np.zeros((3 * size, right.shape[2]))
+        system[gap, gap] += of_gap
+        system[speed, speed] += of_speed + behind
+        goal[gap] = right[:, gap_columns[follower]]
+        goal[speed] = right[:, speed_columns[follower + 1]] + given
+        for _ in (gap, speed):
+            factor, half = _eliminated(system, goal, size)
+            coupled, rest = np.hsplit(half, [-right.shape[2]])
+            system = system[size:, size:] - coupled.T @ coupled
+            goal = goal[size:] - coupled.T @ rest
+            eliminated.append((factor, half))
+        behind, given = system, goal
 
     weights = np.empty_like(right)
-    leader = s_speed * value_value + behind[:, own]
-    factor = cholesky(leader.T, lower=True, check_finite=False)
-    weights[:, 0] = cho_solve((factor, True), right[:, 0] + behind[:, size:], check_finite=False)
-    for follower, (factor, half) in enumerate(reversed(eliminated)):
-        left = half[:, size:] - half[:, own] @ weights[:, speed_columns[follower]]
-        solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
-        weights[:, speed_columns[follower + 1]] = solved[:size]
-        weights[:, gap_columns[follower]] = solved[size:]
+    leader = cholesky(s_speed * sums.value_value + behind, lower=True, check_finite=False)
+    weights[:, 0] = cho_solve((leader, True), right[:, 0] + given, check_finite=False)
+    for follower in range(followers):
+        known = weights[:, speed_columns[follower]]
+        for column in (speed_columns[follower + 1], gap_columns[follower]):
+            factor, half = eliminated.pop()
+            left = half[:, len(known) :] - half[:, : len(known)] @ known
+            solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
+            weights[:, column] = solved
+            known = np.concatenate([solved, known])
     return weights
+
+
+def _eliminated(system: FloatArray, goal: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """L (K, K) of the first block B = L Lᵀ, and L⁻¹ of the blocks and the goals beside it."""
+    # As columns follow one another in memory, LAPACK takes the arrays as they are.
+    first = system[:size, :size].copy().T
+    beside = np.concatenate([system[size:, :size], goal[:size].T]).T
+    factor = cholesky(first, lower=True, overwrite_a=True, check_finite=False)
+    half = solve_triangular(factor, beside, lower=True, overwrite_b=True, check_finite=False)
+    return factor, half
 
 
 def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
@@ -268,10 +279,10 @@ def _form(residual: FloatArray, weight: float) -> FloatArray:
 
 
 def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
-    """(3K, 3K) the upper blocks of a form's sum over instants; those below stay zero."""
+    """(3K, 3K) the lower blocks of a form's sum over instants; those above stay zero."""
     size = grams.shape[2]
     blocks = np.zeros((3, size, 3, size))
-    for row, column in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]:
+    for row, column in zip(*np.tril_indices(3), strict=True):
         block = blocks[row, :, column]
         for a, b in np.argwhere(form[:, row, :, column]):
             block += form[a, row, b, column] * grams[a, b]

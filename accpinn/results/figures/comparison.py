@@ -1,34 +1,32 @@
 """Methods, models and windows side by side as figures.
 
-Of methods: estimates, parameters over time, residuals, profiles of the loss. Of car-following
-models: errors in windows left out, and the peak gain over speed. Of the answer: what each window
-says beside the typical value, and the joint distribution of its parameters.
+Of methods: estimates beside the recommended one's intervals, parameters over time, residuals. Of
+car-following models: errors in windows left out, and the peak gain over speed. Of one estimate:
+each of its windows beside it, and the joint distribution of its parameters.
 """
 
 import html
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import PARAMETERS, TIME, Quantity
-from accpinn.evaluation.whiteness import Correlogram
-from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import INCREASE, Profile
-from accpinn.inference.intervals import LEVEL, interval_ends
-from accpinn.methods.estimate import ParameterTrack
+from accpinn.evaluation.residuals import Correlogram
+from accpinn.inference.intervals import LEVEL
+from accpinn.methods.estimate import Estimate, ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import time_gap
+from accpinn.model.registry import gains_and_gap, time_gap
 from accpinn.results.figures import style
-from accpinn.results.tables.answer import columns_of
-from accpinn.segment import SegmentInfo
+from accpinn.results.tables.estimates import columns_of, name_of
 from accpinn.stability import peak_gains
 from accpinn.study.judge import Judgement
-from accpinn.units import FloatArray, MetresPerSecond, Seconds
+from accpinn.study.result import Result
+from accpinn.units import FloatArray, MetresPerSecond, Seconds, interval_ends
 
 BAND = "rgba(128, 140, 155, 0.20)"
 BAND_POINTS = 400
@@ -43,12 +41,12 @@ BEYOND = 0.35
 RECORDED = "rgba(128, 140, 155, 0.16)"
 OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
-JOINT = ("alpha", "beta", "tau", "s0", "lag", "delay")
-"""Parameters of a CTHP whose joint distribution is drawn; of another model all are."""
 JOINT_DRAWN = 300
-"""Draws of it that are shown."""
+"""Draws of a joint distribution that are shown."""
 FURTHER, TYPICAL = 0.14, 0.28
 """Opacity of the bands of a further window and of the typical value."""
+INSIDE, OUTSIDE, EARLIER = "circle", "x", "circle-open"
+"""Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs."""
 
 
 Row = tuple[str, FloatArray]
@@ -56,40 +54,63 @@ Row = tuple[str, FloatArray]
 ends of their intervals below."""
 
 
-def estimates(
-    rows: Sequence[Row], colour: str, band: FloatArray, truth: FloatArray | None = None,
-    earlier: Sequence[Row] = (),
-) -> go.Figure:  # fmt: skip
-    """A dot a method for α, β and the time gap of one follower, over the interval of a model.
+def row_of(result: Result, follower: int, speed: MetresPerSecond) -> Row:
+    """An estimate of one follower (0 for the first), with intervals where it has a posterior.
 
-    The rows are given from the top down, then those of ``earlier`` runs, which are rings; the truth
-    (3,) is dashed, where it is known. Intervals of a row's own are bars; the ``band`` (2, 3) is
-    shaded, nan where nothing is known.
+    The time gap is that at the speed.
     """
-    rows = [*rows, *earlier]
-    chart = _beside_each_other(
-        "compare-estimates", 76 + 34 * len(rows), margin={"l": 0, "r": 12, "t": 44, "b": 6}
-    )
+    estimate = result.estimate
+    if estimate.posterior is None:
+        values = gains_and_gap(estimate.model, estimate.parameters[follower], speed)
+        return name_of(estimate), np.asarray(values)
+    gains = (estimate.gain(name, follower) for name in ("alpha", "beta"))
+    spans = (*gains, estimate.time_gap(speed, follower))
+    return name_of(estimate), np.array([(s.value, s.lower, s.upper) for s in spans]).T
+
+
+def estimates(
+    points: Sequence[Row], colour: str, recommended: Row | None = None,
+    truth: FloatArray | None = None, earlier: Sequence[Row] = (),
+) -> go.Figure:  # fmt: skip
+    """A mark a method for α, β and the time gap of one follower, beside the recommended estimate.
+
+    The recommended estimate is on top, with its intervals as bars and shaded; a point has another
+    symbol where it lies outside. Those of ``earlier`` runs are rings; the truth (3,) is dashed,
+    where it is known.
+    """
+    rows = [*([recommended] if recommended else []), *points, *earlier]
+    chart = style.Chart(
+        "compare-estimates", 76 + 34 * len(rows), style.row(3, 0.03), dragmode=False,
+        margin={"l": 0, "r": 12, "t": 44, "b": 6},
+    )  # fmt: skip
+    chart.axis("x*", tickangle=0)
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]
     chart.axis("y*", categoryorder="array", categoryarray=names[::-1], showgrid=True,
                automargin=True)  # fmt: skip
-    marker = {
-        "size": 10, "color": colour, "line": {"width": 2, "color": colour},
-        "symbol": ["circle"] * (len(rows) - len(earlier)) + ["circle-open"] * len(earlier),
-    }  # fmt: skip
-    parts = np.stack([np.broadcast_to(values, (3, 3)) for _, values in rows], axis=-1)
-    lower, upper = band
+    values = np.array([part if part.ndim == 1 else part[0] for _, part in rows]).reshape(-1, 3)
+    ends = np.full((2, 3), np.nan)
+    if recommended and recommended[1].ndim > 1:
+        ends = recommended[1][1:]
     gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
-        column, low, high = parts[:, which]
+        column, (low, high) = values[:, which], ends[:, which].tolist()
+        bars = np.full((2, len(rows)), np.nan)
+        bars[:, :1] = [[low], [high]] if recommended else np.nan
         true = [] if truth is None else truth[[which]].tolist()
+        is_outside = ((column < low) | (column > high)).tolist()
+        symbols = [OUTSIDE if outside else INSIDE for outside in is_outside]
+        symbols[len(rows) - len(earlier) :] = [EARLIER] * len(earlier)
+        marker = {"size": 10, "color": colour, "line": {"width": 2, "color": colour},
+                  "symbol": symbols}  # fmt: skip
         chart.dots(
-            column, names, panel=which + 1, marker=marker, ends=(low, high), along="x",
+            column, names, panel=which + 1, marker=marker, ends=(bars[0], bars[1]), along="x",
             bar={"thickness": 2}, hover=f"%{{y}}<br>{_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
-        _range(chart, which, lower, upper, [*column, *low, *high, *true])
-        chart.axis(f"x{which + 1}", quantity.heading, side="top")
+        shown = style.limits(np.array([low, high, *column, *true])) or [0.0, 1.0]
+        if np.isfinite(low):
+            chart.area(f"x{which + 1}", low, min(high, shown[1]), BAND)
+        chart.axis(f"x{which + 1}", quantity.heading, side="top", range=shown, **style.ticks(shown))
         for value in true:
             chart.level(f"x{which + 1}", value, style.TRUTH | {"width": 2})
     return chart.figure()
@@ -145,48 +166,9 @@ def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     return chart.figure()
 
 
-def profiles(
-    profiled: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
-) -> go.Figure:
-    """The increase of the least-squares criterion with α, β or τ held, in percent.
-
-    Behind the profiles are the intervals: (3,) lower ends, nan where there is none, and (3,) upper
-    ends, which may be infinite.
-    """
-    chart = _beside_each_other("compare-profiles", 240)
-    chart.axis("y*", range=[0, 200 * INCREASE])
-    chart.axis("y", "Worse by [%]")
-    for which, (profile, quantity) in enumerate(zip(profiled, PARAMETERS, strict=True)):
-        hover = f"{_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"
-        rise, panel = 100 * profile.increase, which + 1
-        chart.line(profile.values, rise, colour=colour, width=2.5, panel=panel, hover=hover)
-        chart.level(f"y{panel}", 100 * INCREASE, LIMIT)
-        _range(chart, which, lower, upper, profile.values[[0, -1]])
-    return chart.figure()
-
-
 def _value(quantity: Quantity, axis: str) -> str:
     """What is shown when a point is hovered over: τ = 1.5200 s."""
     return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
-
-
-def _beside_each_other(key: str, height: int, **layout: Any) -> style.Chart:
-    """A panel for each of α, β, τ."""
-    chart = style.Chart(key, height, style.row(3, 0.03), dragmode=False, **layout)
-    chart.axis("x*", tickangle=0)
-    return chart
-
-
-def _range(
-    chart: style.Chart, which: int, lower: FloatArray, upper: FloatArray,
-    others: Sequence[float] | FloatArray,
-) -> None:  # fmt: skip
-    """Shade a parameter's interval, on an axis that holds that and the others."""
-    low, high, axis = float(lower[which]), float(upper[which]), f"x{which + 1}"
-    shown = style.limits(np.array([low, high, *others])) or [0.0, 1.0]
-    if np.isfinite(low):
-        chart.area(axis, low, min(high, shown[1]), BAND)
-    chart.axis(axis, PARAMETERS[which].heading, range=shown, **style.ticks(shown))
 
 
 class Follower(NamedTuple):
@@ -255,54 +237,59 @@ def peak_over_speed(
     return chart.figure()
 
 
-# The answer
+# One estimate
 
 
-def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: str) -> go.Figure:
-    """The time gap of each window alone with its interval, over the answer's two intervals.
+def forest(result: Result, follower: int, colour: str) -> go.Figure:
+    """The time gap of each window alone, and of all of them together, with intervals.
 
-    The windows ``infos`` are those of the answer; the follower is 0 for the first.
+    The estimate has its windows' own values; the follower is 0 for the first.
     """
+    estimate, known = result.estimate, result.posterior
+    windows, speed = estimate.windows, estimate.stated_speed
+    assert windows is not None  # as the caller knows
     chart = style.Chart(f"forest-{follower}", 300)
-    speed = answer.stated_speed
-    span = answer.time_gap(speed, follower)
-    gaps = time_gap(answer.model, answer.windows, speed)[:, follower]
-    low, high = answer.windows_gap[:, :, follower]
-    ends = np.array([[info.window.start, info.window.end] for info in infos])
+    span = estimate.time_gap(speed, follower)
+    gaps = time_gap(estimate.model, windows, speed)[:, follower]
+    ends = np.array([[info.window.start, info.window.end] for info in result.infos])
     margin = 0.03 * max(float(np.ptp(ends)), 1.0)
     whole = np.array([ends.min() - margin, ends.max() + margin])
-    further = np.array([span.further_lower, span.further_upper])
-    for (lower, upper), opacity in ((further, FURTHER), ((span.lower, span.upper), TYPICAL)):
-        chart.band(whole, np.full(2, lower), np.full(2, upper), colour, opacity)
+    low = high = gaps
+    if known:
+        low, high = known.windows_gap[:, :, follower]
+        low, high = np.minimum(low, gaps), np.maximum(high, gaps)
+        chart.band(whole, np.full(2, span.further_lower), np.full(2, span.further_upper), colour,
+                   FURTHER)  # fmt: skip
+        chart.band(whole, np.full(2, span.lower), np.full(2, span.upper), colour, TYPICAL)
     chart.line(whole, np.full(2, span.value), colour=colour, hoverinfo="skip")
     middles, grey = ends.mean(axis=1), {"color": style.LEADER}
     chart.dots(
         middles, gaps, hover="%{text}: %{y:.2f} s<extra></extra>", marker=grey | {"size": 9},
-        text=[str(info.window) for info in infos],
-        ends=(np.minimum(low, gaps), np.maximum(high, gaps)),
-        bar=grey | {"thickness": 1.6, "width": 5},
+        text=[str(info.window) for info in result.infos],
+        ends=(low, high), bar=grey | {"thickness": 1.6, "width": 5},
         error_x=grey | {"array": ends[:, 1] - middles, "thickness": 3, "width": 0},
     )  # fmt: skip
-    known = np.concatenate([gaps, low, high, further])
-    known = known[np.isfinite(known)]
-    shown = [max(0.0, float(known.min()) - 0.05), float(known.max()) + 0.05] if len(known) else None
+    seen = np.array([*gaps, *low, *high, span.value, span.further_lower, span.further_upper])
+    seen = seen[np.isfinite(seen)]
+    shown = [max(0.0, float(seen.min()) - 0.05), float(seen.max()) + 0.05] if len(seen) else None
     chart.axis("x", TIME.axis, range=whole.tolist(), showgrid=False)
     chart.axis("y", f"Time gap at {3.6 * speed:.0f} km/h [s]", range=shown)
     return chart.figure()
 
 
-def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
-    """Each pair of parameters in draws of the typical value of one follower, and the value itself.
+def joint(estimate: Estimate, follower: int, colour: str) -> go.Figure:
+    """Each pair of parameters in draws of the typical value of one follower, and the estimate.
 
-    The follower is 0 for the first of M.
+    The estimate has a posterior; the follower is 0 for the first of M.
     """
-    columns = columns_of(answer.model)
-    names = [name for name in JOINT if name in columns] if "alpha" in columns else [*columns]
-    count = len(names) - 1
+    known = estimate.posterior
+    assert known is not None  # as the caller knows
+    columns = columns_of(estimate.model)
+    names, count = [*columns], len(columns) - 1
     chart = style.Chart(f"joint-{follower}", 60 + 150 * count, style.matrix(count))
-    rows = np.linspace(0, len(answer.typical.alpha) - 1, JOINT_DRAWN).astype(int)
-    drawn = {name: answer.values(answer.typical, name)[rows, follower] for name in names}
-    values = {name: answer.span(name, follower).value for name in names}
+    rows = np.linspace(0, len(known.typical.alpha) - 1, JOINT_DRAWN).astype(int)
+    drawn = {name: estimate.values(known.typical, name)[rows, follower] for name in names}
+    values = {name: estimate.span(name, follower).value for name in names}
     cross = {"color": style.LEADER, "size": 9, "symbol": "x"}
     for row, down in enumerate(names[1:]):
         for column, across in enumerate(names[:-1]):
@@ -313,7 +300,7 @@ def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
                 continue
             chart.dots(drawn[across], drawn[down], panel=panel,
                        marker={"color": colour, "size": 4, "opacity": 0.35})  # fmt: skip
-            chart.dots([values[across]], [values[down]], "answer", panel, "%{x:.3g}, %{y:.3g}",
+            chart.dots([values[across]], [values[down]], "estimate", panel, "%{x:.3g}, %{y:.3g}",
                        marker=cross)  # fmt: skip
             if row == count - 1:
                 chart.axis(f"x{panel}", columns[across].heading)

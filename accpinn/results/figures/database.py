@@ -16,7 +16,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TIME_GAP, Quantity
-from accpinn.inference.answer import SPEEDS
+from accpinn.methods.estimate import SPEEDS
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables import ABSENT

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 
 from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
 from accpinn.inference.gain_check import compared, decibels
-from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import style
@@ -24,7 +24,7 @@ from accpinn.stability.criteria import (
     smallest_headway_paper,
 )
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.units import FloatArray, RadiansPerSecond
+from accpinn.units import FloatArray, RadiansPerSecond, interval_ends
 
 Plane = Literal["beta", "alpha"]
 """The parameter on a map's horizontal axis; τ is on the vertical one."""
@@ -89,9 +89,12 @@ def colours(vehicles: ParameterSet) -> tuple[str, ...]:
 
 
 def measured_of(subject: KnownVehicles) -> list[tuple[str, str, MeasuredGain]]:
-    """Label, colour and measured gain of each follower whose answer one checks."""
+    """Label, colour and measured gain of each follower.
+
+    There is none for vehicles at another speed than the recorded ones.
+    """
     result = subject.result
-    if not (result and result.segments and subject.checks):
+    if not (result and result.segments) or subject.speed is not None:
         return []
     info, gains = result.info, result.measured_gains
     named = zip(info.labels[1:], style.vehicle_colours(info.vehicles)[1:], gains, strict=False)

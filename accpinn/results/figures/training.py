@@ -1,4 +1,4 @@
-"""A fit as figures: loss and parameters over iterations, and its curves beside the data.
+"""An estimate as figures: its course, and its curves and simulation beside the data.
 
 The figures of a training that runs are the same.
 """
@@ -11,30 +11,32 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, Quantity
-from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
+from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times, simulated
 from accpinn.inference.prediction import GapBand
-from accpinn.methods.estimate import History
+from accpinn.methods.estimate import History, of_window
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of, value_of
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of, name_of
 from accpinn.segment import Segment, SegmentInfo
+from accpinn.study.result import Result
 from accpinn.units import FloatArray, Seconds, stretches
 
-SOLVED = style.TRUTH | {"dash": "dot"}
-"""The line at the value of least squares."""
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
 HISTORY_HEIGHT = 225
 FEW = 30
 """Moments of a training up to which each is marked."""
 VISIBLE = 0.1
-"""Least change of the log evidence that fills the height of its chart."""
+"""Least change of the log likelihood that fills the height of its chart."""
 LONG = 100
 """Iterations from which their axis is logarithmic."""
 GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
+SIMULATION = "simulation"
+"""The name of the line of the estimate behind the measured vehicle ahead."""
 TITLES = {parameter.key: parameter.name for parameter in PARAMETERS} | {
     "s0": "Intercept", "lag": "Lag", "delay": "Delay",
 }  # fmt: skip
@@ -44,11 +46,11 @@ BAND_POINTS = 400
 
 
 class _Course(style.Chart):
-    """A small panel over the iterations of a training; ``right`` is its margin in pixels."""
+    """A small panel over the iterations of a training."""
 
-    def __init__(self, history: History, title: str, key: str, right: float = 14) -> None:
+    def __init__(self, history: History, title: str, key: str) -> None:
         head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-        margin = {"l": 62, "r": right, "t": 34, "b": 42}
+        margin = {"l": 62, "r": 14, "t": 34, "b": 42}
         super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
         self.axis("x", "Iteration")
         is_long = history.iteration.max(initial=0) >= LONG
@@ -66,47 +68,49 @@ class _Course(style.Chart):
 
 
 def training_figures(
-    history: History,
-    segment: SegmentInfo,
-    model: str = PAPER,
-    truth: Parameters | None = None,
-    solved: Parameters | None = None,
+    history: History, segment: SegmentInfo, model: str = PAPER, truth: Parameters | None = None
 ) -> dict[str, go.Figure]:
-    """Loss and parameters over iterations, by name; the arguments are of `parameter_history`."""
+    """What is optimised and the parameters over iterations, by name.
+
+    The arguments are of `parameter_history`.
+    """
     return {"loss": loss_history(history)} | {
-        name: parameter_history(history, which, segment, truth, solved, model)
+        name: parameter_history(history, which, segment, truth, model)
         for which, name in enumerate(FOLLOWING[model].names)
     }
 
 
 def loss_history(history: History) -> go.Figure:
-    """The loss terms over iterations, on logarithmic axes; the title is the key to the colours."""
+    """The terms of the loss over iterations, or the log likelihood where that is maximised.
+
+    Losses have logarithmic axes; the title is the key to their colours. The log likelihood is drawn
+    as its difference from the last value, as it has too many digits for an axis.
+    """
+    if history.log_likelihood is not None:
+        rising = history.log_likelihood - history.log_likelihood[-1]
+        chart = _Course(history, "Log likelihood", "loss")
+        chart.course(rising, "log likelihood", style.MODEL, hover="%{y:.4g}", showlegend=False)
+        top = float(np.nanmax(rising, initial=0.0))
+        span = max(VISIBLE, top - float(np.nanmin(rising, initial=0.0)))
+        chart.axis("y", "Log likelihood minus its last value", exponentformat="none",
+                   range=[top - 1.05 * span, top + 0.05 * span])  # fmt: skip
+        return chart.figure()
     terms = (
         ("Ψ", "total", history.total, style.LEADER, 3.0),
         ("Ψ<sub>D</sub>", "data", history.data, style.SERIES[0], 1.5),
         ("Ψ<sub>F</sub>", "physics", history.physics, style.SERIES[1], 1.5),
         ("Ψ<sub>R</sub>", "start", history.initial, style.SERIES[2], 1.5),
     )
-    used = [term for term in terms if term[2].any()]
-    names = [(name, colour) for _, name, _, colour, _ in used]
-    names += [("log evidence", style.MODEL)] if history.evidence is not None else []
-    spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
-    right = 14 if history.evidence is None else 62
-    chart = _Course(history, f"Loss: {spans}", "loss", right)
+    used = [term for term in terms if np.nan_to_num(term[2]).any()]
+    spans = ", ".join(
+        f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used
+    )
+    chart = _Course(history, f"Loss: {spans}", "loss")
     for symbol, name, values, colour, width in used:
         positive = np.where(values > 0, values, np.nan)
         hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
         chart.course(positive, name, colour, width, hover=hover, showlegend=False)
     chart.axis("y", "Loss", type="log", **_decades([term[2] for term in used]))
-    if history.evidence is not None:
-        # As a difference: the evidence itself has too many digits for an axis.
-        missing = history.evidence - history.evidence[-1]
-        span = max(VISIBLE, float(np.ptp(missing)))
-        chart.axis("y2", "Log evidence minus its last value", overlaying="y", side="right",
-                   showgrid=False, tickmode="auto", nticks=5, standoff=2, exponentformat="none",
-                   range=[missing.max() - 1.05 * span, missing.max() + 0.05 * span])  # fmt: skip
-        chart.course(missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
-                     showlegend=False)  # fmt: skip
     return chart.figure()
 
 
@@ -115,14 +119,12 @@ def parameter_history(
     which: int,
     segment: SegmentInfo,
     truth: Parameters | None = None,
-    solved: Parameters | None = None,
     model: str = PAPER,
 ) -> go.Figure:
-    """One parameter over iterations, with lines at the values to compare it with.
+    """One parameter over iterations, with its band where the training states one.
 
-    ``which`` is 0 for α, 1 for β, 2 for τ of a CTHP, and the place among another model's own
-    parameters. The true parameters, one entry a follower, are dashed, those of least squares
-    dotted; only those of the model's kind are compared.
+    ``which`` is its place among the model's own parameters: 0 for the α of a CTHP. The true
+    parameters, one entry a follower, are dashed, where they are of the model's kind.
     """
     name = FOLLOWING[model].names[which]
     column, values = columns_of(model)[name], value_of(model, history.parameters, name)
@@ -131,19 +133,17 @@ def parameter_history(
     if sets < segment.followers:
         labels, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
-    is_cthp = not column.group
-    title = TITLES[column.key] if is_cthp else f"{column.group}: {column.title}"
-    chart = _Course(history, title, f"parameter-{which}")
+    title = TITLES.get(name, "") if FOLLOWING[model].is_cthp else ""
+    chart = _Course(history, title or f"{column.group}: {column.title}", f"parameter-{which}")
     for k, (label, colour) in enumerate(zip(labels, colours, strict=True)):
         if ends is not None:
             chart.band(chart.iterations, ends[0][:, k], ends[1][:, k], colour, 0.125)
         chart.course(values[:, k], label, colour)
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
-    for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
-        if reference and has_terms_of(model, reference):
-            seen.append(value_of(model, reference, name)[:sets])
-            for value, colour in zip(seen[-1].tolist(), colours, strict=False):
-                chart.level("y", value, look | {"color": colour})
+    if truth and has_terms_of(model, truth):
+        seen.append(value_of(model, truth, name)[:sets])
+        for value, colour in zip(seen[-1].tolist(), colours, strict=False):
+            chart.level("y", value, style.TRUTH | {"color": colour})
     chart.axis("y", column.heading, range=style.limits(np.concatenate(seen)) or None)
     return chart.figure()
 
@@ -168,29 +168,60 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
     return {"range": [low, high], "tick0": low, "dtick": step, "exponentformat": "power"}
 
 
+def driven(result: Result, follower: int, window: int = 0) -> Trajectories | None:
+    """One follower by the estimate behind the measured vehicle ahead, as one column.
+
+    Follower and window are counted from 0. None where nothing can be simulated.
+    """
+    estimate = result.estimate
+    pair = result.segments[window].pair(follower)
+    return simulated(pair, estimate.model, estimate.parameters[[follower]])
+
+
+def tracking_of(
+    result: Result, follower: int, window: int = 0, *, height: int | None = None
+) -> go.Figure:
+    """One follower of an estimate: data, curves, simulation, band, error and disturbance.
+
+    Follower and window are counted from 0; the band is known in the first window. Curves that are
+    the simulation itself are drawn once. The height is in pixels.
+    """
+    estimate = result.estimate
+    has_curves = bool(estimate.curves) and not METHODS[estimate.method].is_closed_loop
+    return tracking(
+        result.segments[window],
+        follower,
+        estimate.curves[window] if has_curves else None,
+        driven(result, follower, window),
+        "network" if estimate.method == "pinn" else name_of(estimate, with_model=False),
+        with_error=True,
+        predicted=result.gap_band if window == 0 else None,
+        disturbance=of_window(estimate.arrays, window).get("disturbance"),
+        height=height,
+    )
+
+
 def tracking(
-    segment: Segment | SegmentInfo,
+    segment: Segment,
     follower: int,
-    surrogate: Trajectories | None,
-    closed_loop: Trajectories | None,
+    curves: Trajectories | None = None,
+    simulation: Trajectories | None = None,
     own: str = "network",
+    *,
     with_error: bool = False,
     predicted: GapBand | None = None,
     disturbance: FloatArray | None = None,
     height: int | None = None,
-    answered: Trajectories | None = None,
 ) -> go.Figure:
-    """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
+    """Gap and speed of one follower (0 for the first): data, a method's curves and a simulation.
 
-    The follower is 0 for the first. That simulation is behind the measured leader, while
-    ``answered`` is the follower alone by the answer, one column; ``own`` names the method's curve.
-    The error of the gap, which needs the data, and a disturbance (N, M) in m/s² have panels of
+    The simulation is of this follower alone, behind the measured vehicle ahead, as one column;
+    ``own`` names the curves. The error of the gap, and a disturbance (N, M) in m/s², have panels of
     their own. The height is in pixels, by default that of the panels.
     """
-    data = segment if isinstance(segment, Segment) else None
-    measured = data.measured if data else None
-    rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
-    moved, start = len(rows), segment.window.start
+    measured, start = segment.measured, segment.window.start
+    rows = [GAP, SPEED, *([GAP_ERROR] if with_error else [])]
+    moved = len(rows)
     rows += [DISTURBANCE] if disturbance is not None else []
     chart = style.Chart(
         f"tracking-{segment.vehicles[follower + 1]}", height or 140 + 160 * len(rows),
@@ -200,29 +231,29 @@ def tracking(
         chart.level(f"y{row}", 0, {"color": style.GRID, "width": 1.5})
     if predicted:
         _draw_band(chart, predicted, follower, start)
-        if data and with_error:  # narrow bands are seen there alone
-            _draw_band(chart, predicted, follower, start, data)
+        if with_error:  # narrow bands are seen there alone
+            _draw_band(chart, predicted, follower, start, segment)
     colour = style.vehicle_colours(segment.vehicles)[follower + 1]
-    for name, source, paint, width, dash, opacity in (
-        ("data", measured, style.LEADER, 4, "solid", 0.7),
-        (own, surrogate, colour, 1.5, "solid", 1.0),
-        ("closed-loop simulation", closed_loop, style.MODEL, 1.5, "dot", 1.0),
-        ("answer's simulation", answered, style.SERIES[0], 1.5, "dash", 1.0),
+    gaps = measured.gaps[:, follower]
+    for name, source, k, paint, width, dash in (
+        ("data", measured, follower, style.LEADER, 4, "solid"),
+        (own, curves, follower, colour, 1.5, "solid"),
+        (SIMULATION, simulation, 0, style.MODEL, 1.5, "dot"),
     ):
         if source is None:
             continue
-        k = 0 if source is answered else follower
         drawn = [source.gaps[:, k], source.speeds[:, k + 1]]
-        if measured and source is not measured:
-            drawn.append(source.gaps[:, k] - measured.gaps[:, follower])
+        drawn += [] if source is measured else [source.gaps[:, k] - gaps]
+        opacity = 0.7 if source is measured else 1.0
         for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
             chart.line(
                 start + source.time, values, name, paint, width, dash, row, _hover(channel, name),
                 opacity=opacity,
             )  # fmt: skip
-    if data and closed_loop:
-        findings = closed_loop_findings(data, closed_loop)
-        collision = float(collision_times(findings, data.vehicles)[follower])
+    if simulation:
+        pair = segment.pair(follower)
+        findings = closed_loop_findings(pair, simulation)
+        collision = float(collision_times(findings, pair.vehicles)[0])
         if not np.isnan(collision):
             chart.level("y", 0, {"color": style.LEADER, "width": 1.5})
             cross = {"symbol": "x", "size": 11, "color": style.MODEL}

@@ -17,7 +17,7 @@ from accpinn.stability import (
     Verdict,
     assessment,
 )
-from accpinn.units import Quantity, FloatArray
+from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 _UNSTABLE = (

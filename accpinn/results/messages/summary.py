@@ -8,22 +8,21 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual
-from accpinn.findings import all_of, capital, joined, percent, spelled, who
-from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import WIDE, wide_intervals
-from accpinn.inference.intervals import SYMBOLS, Uncertainty
+from accpinn.findings import all_of, capital, joined, percent, who
+from accpinn.inference.gain_check import LEAST
+from accpinn.inference.identifiability import SYMBOLS, WIDE, wide_intervals
+from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
-from accpinn.methods.estimate import Fit, Outcome
-from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.methods.estimate import Estimate, Outcome
+from accpinn.methods.joint_likelihood import disturbance_sizes
+from accpinn.methods.registry import recommended_method
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.answer import cards
-from accpinn.results.messages.stability import headline
-from accpinn.results.tables.estimates import name_of
-from accpinn.results.vehicles import known_vehicles
+from accpinn.results.messages.estimate import cards
+from accpinn.results.messages.stability import against_measured
+from accpinn.results.tables.estimates import COMPARED, name_of, outside_interval
 from accpinn.segment import SegmentInfo
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
@@ -33,35 +32,19 @@ CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
 
 
 def about_band(result: Result) -> str:
-    """What a predictive band is, and where it is not that of the answer's model."""
-    model, answer = result.fit.model, result.known_answer
+    """What a predictive band is."""
+    model = result.estimate.model
     simulated = TITLES[model] if model in CTHPS else f"linearisation of the {TITLES[model]}"
-    said = (
+    return (
         f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
         " posterior samples of the parameters and random disturbances of the estimated size."
     )
-    if answer and answer.model != model:
-        said += f" The answer's model is another one: {TITLES[answer.model]}."
-    return said
 
 
-def about_own_estimate(result: Result) -> str:
-    """What a method's own estimate is beside the answer, and of what the curves are."""
-    windows, count = f"the window {result.info.window}", len(result.infos)
-    curves = "The curves are the method's own, as the data are not at hand."
-    if result.segments:
-        curves = "The answer is simulated behind the measured vehicle ahead, the method's platoon"
-        curves += " behind the measured leader."
-    if count > 1:
-        curves = f"The curves are those of {result.info.window}. {curves}"
-        windows = f"the {count} windows"
-    fitted = f"The {TITLES[result.fit.model]} fitted to {windows} alone"
-    if not result.is_finished:
-        return f"{fitted}; the training was stopped before its end. {curves}"
-    return (
-        f"{fitted}: unlike the answer's, its intervals leave out how much windows of a car differ."
-        f" {curves}"
-    )
+def about_tracking(result: Result, window: int = 0) -> str:
+    """What is drawn beside the data of a window (0 for the first)."""
+    several = f"Window {result.infos[window].window}. " if len(result.infos) > 1 else ""
+    return f"{several}Simulation: the vehicle behind the measured one ahead, by the estimate."
 
 
 def equation(model: str) -> tuple[str, str]:
@@ -82,26 +65,23 @@ def title(snapshot: Result) -> str:
 
 
 def summary(snapshot: Result) -> tuple[str, ...]:
-    """The answer of each follower, with cautions before; without one the fit's own verdict."""
-    info, subject, known = snapshot.info, known_vehicles(snapshot), snapshot.known_answer
+    """The estimate of each follower, with cautions before."""
+    info = snapshot.info
     hand = info.driven_by_hand
-    sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.fit)]
-    if known:
-        sentences += [f"{card.lead} {card.trust}" for card in cards(info, known, subject)]
-    elif subject.has_report:
-        sentences.append(headline(subject))
+    sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.estimate)]
+    sentences += [f"{card.lead} {card.trust}" for card in cards(snapshot)]
     return tuple(sentence for sentence in sentences if sentence)
 
 
-def unfinished(fit: Fit) -> str:
-    """The warning beside parameters of a stopped training; empty for other fits."""
-    if fit.outcome is not Outcome.STOPPED:
+def unfinished(estimate: Estimate) -> str:
+    """The warning beside parameters of a stopped training; empty for others."""
+    if estimate.outcome is not Outcome.STOPPED:
         return ""
-    planned = fit.config.get("iterations")
+    planned = estimate.settings.get("iterations")
     of_planned = f" of {planned:,}" if isinstance(planned, int) else ""
     return (
-        f"Training was stopped at {fit.iterations:,}{of_planned} iterations; these parameters are"
-        " preliminary."
+        f"Training was stopped at {estimate.iterations:,}{of_planned} iterations; these parameters"
+        " are preliminary."
     )
 
 
@@ -150,8 +130,10 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
 
 def conditional(result: Result, adequacy: Adequacy | None) -> str:
     """What estimates and intervals assume, and for whom another form of the CTHP is better."""
-    assumption = f"The method's estimates and intervals assume the {TITLES[result.fit.model]}."
-    if result.fit.model != PAPER:
+    model = result.estimate.model
+    what = "estimate and its intervals assume" if result.posterior else "estimate assumes"
+    assumption = f"The {what} the {TITLES[model]}."
+    if model != PAPER:
         return f"{assumption} By another model they would differ."
     if adequacy is None or not adequacy.forms:
         return (
@@ -166,55 +148,63 @@ def conditional(result: Result, adequacy: Adequacy | None) -> str:
     return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
 
 
-def agreement(rows: Sequence[Result], answer: Answer) -> str:
-    """How many methods agree with the answer, which do not, and how far all are from it.
+def recommended_of(rows: Sequence[Result]) -> Result | None:
+    """The estimate that others are held against: one with a posterior.
 
-    It is empty where the answer is of no follower.
+    Of several it is that of the method which is recommended for its model. None where there is no
+    posterior.
     """
-    followers = [k for k, value in enumerate(answer.parameters.alpha) if not np.isnan(value)]
-    if not followers:
+    known = [row for row in rows if row.posterior]
+    usual = [r for r in known if r.analysis.method == recommended_method(r.analysis.spec.model)]
+    return next(iter((*usual, *known)), None)
+
+
+def agreement(rows: Sequence[Result], recommended: Result) -> str:
+    """How many methods agree with the recommended estimate, which do not, and how far all are off.
+
+    The recommended one is not counted. It is empty where nothing is determined, or nothing else is
+    compared.
+    """
+    estimate = recommended.estimate
+    value, lower = np.array(
+        [
+            [(span.value, span.lower) for span in estimate.gains_and_gap(k)]
+            for k in range(len(estimate.speeds))
+        ]
+    ).transpose(2, 0, 1)
+    followers = np.flatnonzero(np.isfinite(lower).all(axis=1)).tolist()
+    found = [row.estimate for row in rows if row.analysis.key != recommended.analysis.key]
+    if not followers or not found:
         return ""
-    spans = map(answer.gains_and_gap, range(len(answer.speeds)))
-    value, lower, upper = np.array(
-        [[(span.value, span.lower, span.upper) for span in row] for row in spans]
-    ).T
-    own = np.array(
-        [gains_and_gap(row.fit.model, row.fit.parameters, answer.speeds).T for row in rows]
-    )
-    inside = ((own >= lower) & (own <= upper))[:, :, followers].all(axis=(1, 2))
-    differing = [name_of(row.fit) for row, agrees in zip(rows, inside, strict=True) if not agrees]
-    count, total = int(inside.sum()), len(rows)
+    differing = [
+        name_of(each)
+        for each in found
+        if any(outside_interval(estimate, each, k) for k in followers)
+    ]
+    count, total = len(found) - len(differing), len(found)
     agree = "agrees" if count == 1 else "agree"
     some = f"{count} of {total} methods {agree}" if count else "No method agrees"
-    within = f"within the {percent(answer.level)} intervals of α, β and time gap"
+    within = f"within the {percent(estimate.level or 0.0)} intervals of {joined(COMPARED)}"
     within += " for every follower" if len(followers) > 1 else ""
-    models = {row.fit.model for row, agrees in zip(rows, inside, strict=True) if not agrees}
-    named = joined(differing)
-    if len(differing) > 1 and models == {PAPER} != {answer.model}:
-        alone = [row for row in rows if row.fit.model == PAPER]
-        if len(alone) == len(differing):
-            named = f"the {spelled(len(alone))} that estimate the CTHP alone"
-            if count:
-                methods = "one method" if count == 1 else f"{spelled(count)} methods"
-                some = f"The {methods} with more than α, β and τ {agree}"
-    other = f"; {named} {'does' if len(differing) == 1 else 'do'} not"
+    other = f"; {joined(differing)} {'does' if len(differing) == 1 else 'do'} not"
     other = other if differing and count else ""
-    off = np.abs(own - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
-    pairs = zip(off.max(axis=(0, 2)).tolist(), ("α", "β", "time gap"), strict=True)
-    # Not a number where one is unknown, or the answer's is zero.
+    own = np.array([gains_and_gap(e.model, e.parameters, estimate.speeds) for e in found])
+    off = np.abs(own - value)[:, followers] / np.where(value > 0, value, np.nan)[followers]
+    pairs = zip(off.max(axis=(0, 1)).tolist(), COMPARED, strict=True)
+    # Not a number where one is unknown, or the recommended one's is zero.
     away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])
     size = f" All are within {away} of it." if away else ""
     alike = some if differing else "Every method agrees"
-    return f"{alike} with the answer {within}{other}.{size}"
+    return f"{alike} with the recommended estimate {within}{other}.{size}"
 
 
 def about_curves(result: Result, follower: int, band: GapBand | None = None) -> tuple[str, ...]:
     """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
-    info, fit = result.info, result.fit
+    info = result.info
     vehicles = (0, info.vehicles[follower + 1])
     coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
-    sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]
-    return messages((*coverage, *sizes), info)
+    sizes = disturbance_sizes(info.vehicles, result.estimate)
+    return messages((*coverage, *(size for size in sizes if size.vehicle in vehicles)), info)
 
 
 def setting(value: Any) -> str:
@@ -257,21 +247,16 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info = snapshot.info
     on_data = [finding for part in snapshot.infos for finding in part.findings]
-    on_parameters = (
-        *snapshot.fit.findings,
-        *snapshot.uncertainty.findings,
-        *snapshot.weaknesses,
-        *snapshot.evaluation.whiteness.findings,
-    )
+    on_data += [finding for quality in snapshot.qualities for finding in quality.findings]
     return {
-        "data": tuple(dict.fromkeys(messages((*on_data, *snapshot.quality.findings), info))),
-        "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
+        "data": tuple(dict.fromkeys(messages(on_data, info))),
+        "parameters": messages(snapshot.weaknesses, info),
         "closed_loop": incidents(snapshot.evaluation, info),
     }
 
 
 class Check(NamedTuple):
-    """A question to be asked before a fit's numbers are quoted, and its answer."""
+    """A question to be asked before an estimate's numbers are quoted, and its answer."""
 
     title: str
     meaning: str
@@ -282,56 +267,54 @@ class Check(NamedTuple):
 
 
 def checks(result: Result) -> tuple[Check, ...]:
-    """All checks of a fit, in the order in which they are shown."""
-    info, uncertainty, evaluation = result.info, result.uncertainty, result.evaluation
-    is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
-    are_inside, wide = bool(uncertainty.inside.all()), _wide(info, uncertainty)
-    events, residual = incidents(evaluation, info), evaluation.whiteness.findings
-    is_tested = bool(residual) and not any(isinstance(f, ShortResidual) for f in residual)
-    is_correlated = any(isinstance(finding, CorrelatedResidual) for finding in residual)
-    return (
-        Check(
-            "Converged",
-            "Whether the estimate has stopped changing. Tab Training shows loss and parameters over"
-            " iterations.",
-            result.fit.outcome in CONVERGED,
-            (result.fit.outcome.value,),
-        ),
-        Check(
-            "Inside the interval",
-            "Whether the estimates of α, β and τ lie inside their intervals, which stand beside"
-            " them in the table of the method's estimates.",
-            are_inside if is_determined or not are_inside else None,
-            messages(uncertainty.findings, info),
-        ),
-        Check(
-            "Identified",
-            f"Whether the intervals of α, β and τ span less than a factor of {WIDE:g}. Page Compare"
-            " shows the profiles of the loss.",
-            not wide,
-            wide,
-        ),
-        Check(
-            "Simulated without collision",
-            "Whether the closed-loop simulation behind the measured leader ends without a"
-            " collision, reversing or divergence, in the window and outside it. The chart shows"
-            " the window.",
-            not events,
-            events,
-        ),
-        Check(
-            "Residual only noise",
-            "Whether the model's residual is no more than noise. Page Compare shows forms of the"
-            " model with a smaller residual.",
-            False if is_correlated else True if is_tested else None,
-            messages(residual, info),
-        ),
+    """All checks of an estimate, in the order in which they are shown."""
+    info, known, estimate = result.info, result.uncertainty, result.estimate
+    events = incidents(result.evaluation, info)
+    converged = Check(
+        "Converged",
+        "Whether the estimate has stopped changing. Tab Training shows its course.",
+        estimate.outcome in CONVERGED,
+        (estimate.outcome.value,),
     )
+    without_collision = Check(
+        "Simulated without collision",
+        "Whether the closed-loop simulation behind the measured leader ends without a collision,"
+        " reversing or divergence, in the windows and outside.",
+        not events,
+        events,
+    )
+    missed = [trust for trust in result.trust if not trust.is_reproduced]
+    is_known = all(np.isfinite(trust.rmse) for trust in result.trust)
+    reproduced = Check(
+        "Drive reproduced",
+        "Whether each vehicle, simulated behind the measured one ahead, keeps the measured gap up"
+        " to half of the gap's standard deviation.",
+        not missed if is_known else None,
+        tuple(trust.sentence(info) for trust in missed),
+    )
+    if known is None:
+        return converged, without_collision, reproduced
+    wide = _wide(info, known)
+    identified = Check(
+        "Identified",
+        f"Whether the intervals of α, β and τ span less than a factor of {WIDE:g}.",
+        not wide,
+        wide,
+    )
+    compared = [check for check in result.gain_checks if check.frequencies >= LEAST]
+    agrees = Check(
+        "Measured gain agrees",
+        "Whether the gain that is measured from the recording without a model allows the verdict on"
+        " string stability.",
+        not any(check.contradiction for check in compared) if compared else None,
+        against_measured(result.gain_checks, info),
+    )
+    return converged, identified, without_collision, agrees, reproduced
 
 
 def _wide(info: SegmentInfo, uncertainty: Uncertainty) -> tuple[str, ...]:
     """For each follower the parameters with wide intervals, all where none is determined."""
-    are_wide = wide_intervals(uncertainty) | np.isnan(uncertainty.centre.alpha)[:, None]
+    are_wide = wide_intervals(uncertainty) | np.isnan(uncertainty.lower.alpha)[:, None]
     pairs = zip(info.vehicles[1:], are_wide, strict=True)
     named = ((who(vehicle, info), tuple(compress(SYMBOLS, row))) for vehicle, row in pairs)
     return tuple(f"{label}: {joined(symbols)}." for label, symbols in named if symbols)

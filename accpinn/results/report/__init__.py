@@ -43,8 +43,8 @@ from accpinn.results.figures.style import (
     vehicle_colours,
     with_legend,
 )
-from accpinn.results.figures.training import tracking, training_figures
-from accpinn.results.messages import answer as on_answer
+from accpinn.results.figures.training import driven, tracking_of, training_figures
+from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
@@ -52,7 +52,6 @@ from accpinn.results.messages import summary as words
 from accpinn.results.reproduction import verification_table
 from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import SegmentInfo
@@ -60,7 +59,7 @@ from accpinn.stability import Criterion
 from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
-from accpinn.study.verification import QUICK, Verification, verify
+from accpinn.study.verification import PROMPT, Verification, verify
 from accpinn.units import FloatArray
 
 HERE = Path(__file__).parent
@@ -100,14 +99,17 @@ class Picture:
         return {"name": self.name, **json.loads(to_json(Figure(parts).to_dict(), validate=False))}
 
 
-def render_report(snapshot: Result, verification: Verification | None = None) -> str:
+def render_report(
+    snapshot: Result, verification: Verification | None = None, *, with_curves: bool = True
+) -> str:
     """The whole page on a snapshot.
 
-    By default it is verified now, from its own contents, without running its methods again.
+    By default it is verified now, and its methods run again where that is soon done. Without curves
+    the page has neither measured nor fitted series, for recordings that must not be shared.
     """
-    verification = verification or verify(snapshot, refit_within=QUICK)
+    verification = verification or verify(snapshot, refit_within=PROMPT)
     script = (HERE / "page.js").read_text(encoding="utf-8")
-    story = _story(snapshot, verification)
+    story = _story(snapshot, verification, with_curves)
     drawings = [picture.drawn() for picture in story["shown"]]
     document = json.dumps(drawings, ensure_ascii=False, separators=(",", ":"))
     return template("report/page.html").render(
@@ -125,45 +127,45 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
 
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
-    info, fit = snapshot.info, snapshot.fit
-    subject, adequacy = known_vehicles(snapshot), snapshot.parts.adequacy
-    paints = vehicle_colours(info.vehicles)
-    rows = vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case))
-    every = dict[str, Table]()
-    if snapshot.segments or snapshot.parts.answer:
-        shown = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
-        every["answer"] = answer_table(info, snapshot.answer, fit.case).coloured(shown)
-    every["parameters"] = tables.parameter_table(snapshot).coloured(rows)
-    forms = adequacy.forms if adequacy else ()
-    for k in range(info.followers if forms else 0):
-        every[f"forms_{k + 1}"] = tables.model_form_table(info, forms, k)
+    info, estimate = snapshot.info, snapshot.estimate
+    subject, adequacy = known_vehicles(snapshot), snapshot.adequacy
+    paints, numbers = vehicle_colours(info.vehicles), tables.parameter_rows(info, estimate.case)
+    rows = vehicle_colours(info.vehicles, numbers)
+    every = {
+        "parameters": tables.parameter_table(snapshot).coloured(rows),
+        "errors": tables.errors_table(snapshot).coloured(paints),
+    }
+    if estimate.windows is not None and len(snapshot.infos) > 1:
+        for k in range(len(numbers)):
+            every[f"windows_{k + 1}"] = tables.windows_table(snapshot, k)
+    for k in range(info.followers if adequacy.forms else 0):
+        every[f"forms_{k + 1}"] = tables.model_form_table(info, adequacy.forms, k)
     if subject.has_report:
         every["stability"] = known_table(subject).coloured(paints[1:])
+    recommended = words.recommended_of((snapshot, *snapshot.compared))
     for k in range(info.followers if snapshot.compared else 0):
-        every[f"methods_{k + 1}"] = tables.methods_table(info, snapshot.compared, k)
-    for each in snapshot.parts.judgements or ():
-        every[f"models_{each.info.vehicles[1]}"] = tables.judged_table(each, each.speeds[1])
+        every[f"methods_{k + 1}"] = tables.methods_table(snapshot.compared, k, recommended)
+    for judged in snapshot.judgements:
+        every[f"models_{judged.info.vehicles[1]}"] = tables.judged_table(judged, judged.speeds[1])
     return every
 
 
-def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
+def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
-    subject, motion = known_vehicles(snapshot), motion_picture(snapshot)
+    subject, motion = known_vehicles(snapshot), [motion_picture(snapshot)] * with_curves
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
-    fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
-    training = [*training_pictures(snapshot)]
+    curves = [*curve_pictures(snapshot)] if with_curves else []
+    responses, training = [*stability_pictures(snapshot)], [*training_pictures(snapshot)]
     run, cast, platoon, repeated = platoon_pictures(snapshot) or (None, None, (), "")
-    parts = (fits[:1] + responses[:1], [motion] if motion else [], fits[1:], training,
-             responses[1:], platoon)  # fmt: skip
-    names = ("first_page", "motion", "fits", "training", "stability_pictures", "platoon")
+    parts = (curves[:1] + responses[:1], motion, curves[1:], training, responses[1:], platoon)
+    names = ("first_page", "motion", "curves", "training", "stability_pictures", "platoon")
     return {
         **dict(zip(names, parts, strict=True)),
         "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
-        "known": snapshot.known_answer,
-        "adequacy": snapshot.parts.adequacy,
+        "adequacy": snapshot.adequacy,
         "words": words,
-        "on_answer": on_answer,
+        "on_estimate": on_estimate,
         "on_platoon": on_platoon,
         "on_stability": on_stability,
         "tables": tables,
@@ -212,39 +214,27 @@ def _policy(*scripts: str) -> str:
     )
 
 
-def motion_picture(snapshot: Result) -> Picture | None:
-    """Gaps and speeds of the window: the data, or else the method's own curves."""
-    source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
-    if source is None:
-        return None
-    said = "The data are not part of this report: these are the method's own trajectories."
-    if snapshot.segment:
-        said = "Measured space-gaps and speeds."
-    return Picture("motion", with_legend(motion(snapshot.info, source)), said)
+def motion_picture(snapshot: Result) -> Picture:
+    """Measured gaps and speeds of the first window."""
+    figure = with_legend(motion(snapshot.info, snapshot.segments[0].measured))
+    return Picture("motion", figure, "Measured space-gaps and speeds.")
 
 
-def fit_pictures(snapshot: Result) -> Iterator[Picture]:
-    """Per follower: the method's curve, with the data and the closed loop where these are known."""
-    fit, segment, predicted = snapshot.fit, snapshot.segment, snapshot.gap_band
-    if segment is None and fit.surrogate is None:
-        return
-    disturbance, info = fit.arrays.get("disturbance"), snapshot.info
-    for k, label in enumerate(info.labels[1:]):
-        figure = tracking(
-            segment or info, k, fit.surrogate, snapshot.simulated, tables.name_of(fit),
-            with_error=True, predicted=predicted, disturbance=disturbance,
-        )  # fmt: skip
-        said = words.about_curves(snapshot, k, predicted)
-        caption = " ".join(said) or f"{label}: space-gap and speed."
-        yield Picture(f"fit_{k + 1}", figure, caption)
+def curve_pictures(snapshot: Result) -> Iterator[Picture]:
+    """Per follower: the data of the first window, the method's curves, and the simulation."""
+    said = [words.about_tracking(snapshot)]
+    for k, label in enumerate(snapshot.info.labels[1:]):
+        figure = tracking_of(snapshot, k)
+        about = words.about_curves(snapshot, k, snapshot.gap_band)
+        yield Picture(f"curves_{k + 1}", figure, " ".join((f"{label}.", *said, *about)))
 
 
 def training_pictures(snapshot: Result) -> Iterator[Picture]:
-    """Loss and parameters over the iterations."""
-    history = snapshot.fit.history
+    """What is optimised, and parameters, over the iterations."""
+    history, model = snapshot.history, snapshot.estimate.model
     if history is None:
         return
-    for name, figure in training_figures(history, snapshot.info, snapshot.fit.model).items():
+    for name, figure in training_figures(history, snapshot.info, model).items():
         yield Picture(name, figure, "")
 
 
@@ -256,7 +246,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         return
     bode = with_legend(stability_figures.bode(subject))
     said = ["Bode magnitude from the speed ahead to the vehicle's own."]
-    said += [on_stability.about_bode(uncertainty)]
+    said.append(on_stability.about_bode(uncertainty))
     said += [on_stability.MEASURED] if stability_figures.measured_of(subject) else []
     yield Picture("bode", bode, " ".join(said))
     if len(vehicles) > 1:
@@ -309,7 +299,8 @@ def bundle(snapshot: Result) -> bytes:
     """All that is known of a result as one zip file.
 
     It holds report.html, the snapshot, each table as CSV and LaTeX, and as CSV the training's
-    history and the motion: measured, of the method, and in closed loop where these are known.
+    history and the motion in each window: measured, by the method's curves, and simulated behind
+    the measured vehicle ahead.
     """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -324,16 +315,28 @@ def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
     for name, table in tables_of(snapshot).items():
         yield f"tables/{name}.csv", table.to_csv()
         yield f"tables/{name}.tex", table.to_latex()
-    fit, info = snapshot.fit, snapshot.info
-    if fit.history:
-        yield "training.csv", _history(fit.history, info, fit.model)
-    for name, source in (
-        ("measured", snapshot.segment and snapshot.segment.measured),
-        ("closed_loop", snapshot.simulated),
-        (fit.method, fit.surrogate),
-    ):
-        if source:
-            yield f"motion_{name}.csv", _motion(info, source)
+    estimate, info = snapshot.estimate, snapshot.info
+    if estimate.history:
+        yield "training.csv", _history(estimate.history, info, estimate.model)
+    for k, segment in enumerate(snapshot.segments):
+        place = f"_{k + 1}" if len(snapshot.segments) > 1 else ""
+        yield f"motion_measured{place}.csv", _motion(segment.info, segment.measured)
+        if estimate.curves:
+            curves = _motion(segment.info, estimate.curves[k])
+            yield f"motion_{estimate.method}{place}.csv", curves
+        if simulation := _simulation(snapshot, k):
+            yield f"motion_simulation{place}.csv", _motion(segment.info, simulation)
+
+
+def _simulation(snapshot: Result, window: int) -> Trajectories | None:
+    """Each follower by the estimate behind the measured vehicle ahead; None where none can be."""
+    segment = snapshot.segments[window]
+    single = [driven(snapshot, k, window) for k in range(segment.followers)]
+    known = [motion for motion in single if motion]
+    if len(known) < len(single):
+        return None
+    speeds = np.column_stack([segment.speeds[:, 0], *(motion.speeds[:, 1] for motion in known)])
+    return Trajectories(segment.time, speeds, np.hstack([motion.gaps for motion in known]))
 
 
 def _motion(info: SegmentInfo, source: Trajectories) -> str:
@@ -348,13 +351,13 @@ def _motion(info: SegmentInfo, source: Trajectories) -> str:
 
 def _history(history: History, info: SegmentInfo, model: str) -> str:
     """Iteration, seconds, terms of the loss, and the model's parameters of each follower."""
-    names = ("iteration", "seconds", "total", "data", "physics", "initial", "evidence")
+    names = ("iteration", "seconds", "total", "data", "physics", "initial", "log_likelihood")
     every = ((name, getattr(history, name)) for name in names)
     columns: dict[str, FloatArray] = {name: values for name, values in every if values is not None}
     sets = history.parameters.values.shape[1]
     followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
     for k, follower in enumerate(followers):
-        for key, column in tables.columns_of(model).items():
+        for key, column in tables.gains_and_own_columns(model).items():
             name = Column(f"{key} {follower}", column.unit).csv_name
             columns[name] = value_of(model, history.parameters, key)[:, k]
     return _csv(columns)

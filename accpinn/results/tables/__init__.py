@@ -102,8 +102,8 @@ class Column:
     key: str = ""
     """Its name in CSV files; by default from group, title and unit."""
     is_brief: bool = False
-    """Whether of a value with an interval only the value is shown, with the digits that the interval
-    supports; that is in CSV files, and on a web page where one points at the value."""
+    """Whether of a value with an interval the value alone is shown, with the digits that the
+    interval supports; the interval is in CSV files, and shown on hover on a web page."""
     may_be_fixed: bool = False
     """Whether an interval without width is that of a parameter that is fixed, not estimated."""
 

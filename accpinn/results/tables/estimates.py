@@ -3,7 +3,7 @@
 Intervals stand where an estimate has a posterior; without one its values stand alone.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isnan, nan
 
@@ -338,25 +338,19 @@ def methods_table(
     The recommended estimate, which has a posterior, is the first row, with its intervals; of all
     others it is said whether they lie inside these.
     """
-    first = [recommended] if recommended else []
-    rows = [
-        *first,
-        *(r for r in results if not any(r.analysis.key == f.analysis.key for f in first)),
-    ]
+    own = recommended.analysis.key if recommended else ""
+    others = [result for result in results if result.analysis.key != own]
+    rows = [recommended, *others] if recommended else others
     info, found = rows[0].info, [result.estimate for result in rows]
-    known = recommended.uncertainty if recommended else None
-    speed = found[0].stated_speed
+    known, speed = recommended.uncertainty if recommended else None, found[0].stated_speed
+    gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
+    if known:
+        gaps[0] = gap_cell(found[0].time_gap(speed, follower))
     filled: list[Filled] = [
         (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
         (MODEL, [_brief(estimate.model) for estimate in found]),
+        (gap_column(speed), gaps),
     ]
-    gaps = [estimate.time_gap(speed, follower) for estimate in found]
-    is_first = [bool(known) and k == 0 for k in range(len(rows))]
-    filled.append(
-        (gap_column(speed),
-         [gap_cell(gap) if with_ends else gap.value
-          for gap, with_ends in zip(gaps, is_first, strict=True)])
-    )  # fmt: skip
     sets = Parameters.stack(estimate.parameters[follower] for estimate in found)
     for at, (column, cells) in zip(dict(shown_columns(sets)), parameter_cells(sets), strict=True):
         shown = [*cells]
@@ -402,7 +396,7 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a model, for one follower (0 for the first): estimates and intervals."""
-    group = f"Quantity ({100 * LEVEL:.0f} % interval)"
+    group = f"Parameters ({100 * LEVEL:.0f} % interval)"
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
     for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS):
         name, cells = column.key, list[Cell]()

@@ -19,8 +19,8 @@ from accpinn.results.tables import (
     Filled,
     Marked,
     Table,
-    interval_cells,
     estimates,
+    interval_cells,
     percent_cells,
 )
 from accpinn.results.vehicles import KnownVehicles

@@ -1,20 +1,22 @@
-"""Whose parameters the pages Stability and Platoon show: the answer's, published, or typed in."""
+"""Whose parameters the pages Stability and Platoon show: an estimate's, published, or typed in."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
-from accpinn.inference.intervals import of_first
+from accpinn.inference.intervals import from_draws, of_first
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
+from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, segments, select
@@ -23,7 +25,8 @@ from pages.ui.session.workspace import ParameterSource, Workspace
 from pages.ui.snapshots.listing import choose_entry
 
 SOURCES: dict[ParameterSource, str] = {
-    "fit": "Answer",
+    "estimate": "Estimate",
+    "several": "Cars from several results",
     "published": "Published",
     "snapshot": "Snapshot",
     "hand": "By hand",
@@ -52,13 +55,14 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     about = st.empty()
     about.caption(lead)
     # Every call looks at all files of the store; the newest snapshot comes first.
-    entries = library().readable()
+    entries, choices = library().readable(), workspace.choices
+    absent = {"snapshot"} if not entries else set[str]()
+    absent |= {"several"} if not cars_of(workspace) else set()
     source = workspace.parameter_source
-    if source == "snapshot" and not entries:
-        source = "fit"
-    choices = workspace.choices
+    if source in absent:
+        source = "estimate"
     with st.container(horizontal=True, vertical_alignment="center"):
-        offered = {key: name for key, name in SOURCES.items() if key != "snapshot" or entries}
+        offered = {key: name for key, name in SOURCES.items() if key not in absent}
         segments("Parameters of", offered, source, f"{page}_source", workspace.choose_source)
         if source == "published":
             select(
@@ -82,12 +86,12 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
         return chosen
     about.caption(frame.segment_line(result.info, result.analysis.case, result.analysis.windows))
     show.not_acc(result.info)
-    if not (missing := unfinished(result.fit)):
+    if not (missing := unfinished(result.estimate)):
         return chosen
     with st.container(border=True):
         st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
         show.messages(missing, "warning", "pause_circle")
-        if source == "fit":
+        if source == "estimate":
             frame.link(frame.TRAIN, "Continue the training", workspace)
     return None
 
@@ -99,7 +103,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
             "The training is not finished; its parameters will be shown here.", icon="hourglass_top"
         )
     else:
-        show.messages("There is no fit yet: train on a window, or open a published example.")
+        show.messages("There is no estimate yet: train on a window, or open a published example.")
     with st.container(horizontal=True, vertical_alignment="center"):
         if workspace.recording:
             frame.link(frame.TRAIN, "Go to Train", workspace)
@@ -114,7 +118,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
 def parameters_from(
     workspace: Workspace, source: ParameterSource, entries: tuple[Entry, ...]
 ) -> KnownVehicles | None:
-    """The parameters that a source holds now; None for the fit where there is none.
+    """The parameters that a source holds now; None for the estimate where there is none.
 
     Raises:
         ParameterError: rows by hand that are too few or too many.
@@ -126,6 +130,8 @@ def parameters_from(
         return KnownVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
     if source == "hand":
         return KnownVehicles(_typed(choices.get(ROWS, ())), origin=SOURCES[source])
+    if source == "several":
+        return _of_several(cars_of(workspace))
     result = workspace.result
     if source == "snapshot":
         result = opened(_chosen_snapshot(workspace, entries))
@@ -133,7 +139,7 @@ def parameters_from(
         return None
     subject = known_vehicles(result)
     vehicles, known = subject.vehicles, subject.uncertainty
-    if result.info.shares(result.fit.case):  # one stands for all
+    if result.info.shares(result.estimate.case):  # one stands for all
         known = of_first(known) if known else None
         vehicles = ParameterSet(
             vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1],
@@ -142,6 +148,48 @@ def parameters_from(
         )  # fmt: skip
     origin = f"{SOURCES[source]}: {vehicles.title}"
     return replace(subject, vehicles=vehicles, uncertainty=known, origin=origin)
+
+
+def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
+    """The result and the place in it of each follower, its own result before the present one.
+
+    Empty where no follower of the present result has one of its own.
+    """
+    result, own = workspace.result, workspace.own_results
+    if result is None or not own.keys() & {*result.info.vehicles[1:]}:
+        return ()
+    return tuple(
+        (own[number], 0) if number in own else (result, k)
+        for k, number in enumerate(result.info.vehicles[1:])
+    )
+
+
+def _of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
+    """Vehicles of several results, each near its median speed."""
+    labels = [result.info.labels[k + 1] for result, k in cars]
+    vehicles = ParameterSet(
+        "several results",
+        tuple(result.info.names[k + 1] for result, k in cars),
+        Parameters.of([result.parameters.complete[k] for result, k in cars]),
+        (cars[0][0].info.vehicles[0], *(result.info.vehicles[k + 1] for result, k in cars)),
+        tuple(labels),
+    )
+    checks = tuple(
+        check
+        for result, k in cars
+        for check in result.gain_checks
+        if check.vehicle == result.info.vehicles[k + 1]
+    )
+    models = (result.estimate.following.title for result, _ in cars)
+    said = ", ".join(f"{label} ({model})" for label, model in zip(labels, models, strict=True))
+    known = [(result.uncertainty, k) for result, k in cars]
+    draws = [part.draws.complete[:, k] for part, k in known if part]
+    uncertainty = None
+    if len(draws) == len(cars):
+        level = min(result.estimate.level or 0.0 for result, _ in cars)
+        drawn = Parameters.of(np.stack(draws, axis=1))
+        uncertainty = from_draws(vehicles.parameters, drawn, level)
+    return KnownVehicles(vehicles, uncertainty, checks, origin=f"{SOURCES['several']}: {said}")
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:

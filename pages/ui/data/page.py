@@ -20,7 +20,6 @@ from accpinn.results import recording as words
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
-from accpinn.results.reproduction import RUNS, PrintedRun
 from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
 from accpinn.segment.quality import Grade, Regimes
@@ -31,8 +30,9 @@ from pages.ui.components.show import bound, escape_markdown, segments, select, t
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.resources import rated, segment_of, whole_drive, windows_in_car_following
-from pages.ui.session.workspace import Workspace
+from pages.ui.reproduction import table_buttons
+from pages.ui.session.resources import rated, whole_drive, windows_in_car_following
+from pages.ui.session.workspace import TITLE_OF, Workspace
 
 CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -86,7 +86,7 @@ def show_page(workspace: Workspace) -> None:
     with st.container(key="later_1_data"):
         _controls(workspace, recording, information)
     _show_overview(workspace, recording, whole, regimes)
-    _answer(workspace, recording)
+    _assessment(workspace, recording)
     drawn = {
         "Window": lambda: views.show_window(workspace, workspace.segment),
         "Regimes": lambda: views.show_regimes(workspace, recording),
@@ -263,24 +263,7 @@ def _show_overview(
         show.key(figures.strip_key(driving).items(), title=f"{bars}, regime:")
         if view == "time gap":
             show.key((), dotted="longest in car-following")
-        _offer_papers_window(workspace, recording)
-
-
-def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
-    """The window and vehicles that the paper took, where the recording is one of the paper's."""
-
-    def choose(run: PrintedRun) -> None:
-        workspace.choose(run.window, vehicles=run.vehicles)
-        workspace.window_starts = ()
-
-    for run in (run for run in RUNS if run.is_of(recording)):
-        same = (workspace.asked.window, workspace.asked.vehicles) == (run.window, run.vehicles)
-        taken = same and not workspace.several_windows
-        st.button(
-            f"The paper's window: {run.window}", icon=":material/article:", key="data_papers",
-            disabled=taken, on_click=choose, args=(run,),
-            help=f"{'Chosen' if taken else 'Chooses what the paper took'}: {run}.",
-        )  # fmt: skip
+        table_buttons(workspace, "data")
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
@@ -313,24 +296,20 @@ def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
 # What the window is worth, and the next step
 
 
-def _answer(workspace: Workspace, recording: Recording) -> None:
+def _assessment(workspace: Workspace, recording: Recording) -> None:
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")
     else:
-        several = [
-            segment_of(recording, window, workspace.asked.vehicles, workspace.asked.excluded)
-            for window in workspace.several_windows
-        ]
-        ratings = rated(recording, (*several,) or (segment,))
+        ratings = rated(recording, workspace.segments)
         with st.container(horizontal=True):
             for rating in ratings:
                 colour, icon = MARKS[rating.grade]
                 label = words.WORDS[rating.question][rating.grade]
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
                     st.markdown(escape_markdown(words.MEANING[rating.question]))
-                    if several:
-                        st.caption(f"This is the worst of the {len(several)} windows.")
+                    if (count := len(workspace.windows)) > 1:
+                        st.caption(f"This is the worst of the {count} windows.")
                     if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
         wrong = next(rating for rating in ratings if rating.question == "consistent")
@@ -344,7 +323,7 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
 def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     """Whether to train on all windows in car-following, where there are several."""
     count = len(windows_in_car_following(recording, workspace.asked.vehicles))
-    if count and workspace.preset == "calibrated":
+    if count:
         every = "both" if count == 2 else f"all {count}"
 
         def change(is_on: bool) -> None:
@@ -353,32 +332,32 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
         st.toggle(
             f"Train on {every} windows in car-following",
             **bound("data_all_windows", len(workspace.several_windows) == count, change),
-            help="The answer's interval narrows with every window of the same vehicles, more than"
-            " by any refinement in one. Short stretches of catching up stay in a window. Page"
-            " Compare runs the methods on the first of them; the tabs below show the window above.",
+            help="Intervals narrow with every window of the same vehicles, more than by any"
+            " refinement in one. Short stretches of catching up stay in a window. The tabs below"
+            " show the window above.",
         )  # fmt: skip
 
 
 def _train_button(workspace: Workspace) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
-    segment, parts, config = workspace.segment, [f"{workspace.preset} preset"], None
-    several = workspace.several_windows
-    which = str(several[0]) if several else "this window"
-    if len(several) > 1:
-        which = f"{len(several)} windows"
+    segment, parts, asked = workspace.segment, [TITLE_OF[workspace.preset]], None
+    windows = workspace.windows
+    which = f"{len(windows)} windows" if len(windows) > 1 else "this window"
+    if len(windows) == 1 and workspace.several_windows:
+        which = str(windows[0])
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
         parts.append(f"Case {workspace.asked.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-        config = workspace.config
-    if segment and config:
-        seconds = METHODS["pinn"].expected_seconds(segment, config) * (len(several) or 1)
+        asked = workspace.analysis()
+    if segment and asked:
+        seconds = METHODS[asked.method].expected_seconds(workspace.segments, asked.config)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
         disabled=segment is None, key="data_train",
     ):  # fmt: skip
-        if config:
-            workspace.train(config)
+        if asked:
+            workspace.train()
         frame.go(frame.TRAIN, workspace)

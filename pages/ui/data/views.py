@@ -1,6 +1,5 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
-from functools import lru_cache
 from pathlib import Path
 
 import streamlit as st
@@ -18,13 +17,11 @@ from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
 from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.study.comparison import sensitivity
 from pages.ui.components import show
-from pages.ui.components.show import bound, pick, select
+from pages.ui.components.show import bound, select
 from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
-_sensitivity = lru_cache(maxsize=32)(sensitivity)
 REGIMES = {
     "catching up": f"The time gap, space-gap over speed, is above {USUAL:g} times its median"
     " ({:g} s at least, {:g} s at most): the vehicle catches up or drives freely.".format(
@@ -97,7 +94,7 @@ def show_about(recording: Recording) -> None:
 
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
-    """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
+    """Shares, and the user's choice."""
     window = workspace.asked.window
     try:  # with all its instants, whatever is left out now
         segment = cut(recording, window.start, window.duration, workspace.asked.vehicles)
@@ -124,35 +121,15 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         "The model describes car-following. Nothing is left out unless you tick it; every"
         " method then works without it, and every page names it. The data stay: only the"
         " equation of the follower's acceleration does not count there. Instants are"
-        " chosen by their time gap, which the model is to explain, so leaving them out biases,"
-        " too: compare before you decide."
+        " chosen by their time gap, which the model is to explain, so leaving them out biases, too."
     )
-    if st.toggle(
-        "Show the sensitivity of the estimates", key="data_sensitivity",
-        help="Estimates by least squares and splines with and without each regime.",
-    ):  # fmt: skip
-        _show_sensitivity(workspace, segment, recording)
-
-
-def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    with st.spinner("Estimating with and without them …"):
-        results = _sensitivity(segment, recording, workspace.asked.case)
-    if not any(any(row.share) for row in results):
-        st.caption("None of these occurs in this window, so there is nothing to compare.")
-        return
-    follower = pick(workspace, segment.labels[1:], "data_sensitivity_follower")
-    table = tables.sensitivity_table(segment.info, results, follower)
-    show.table(table)
-    show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
-    label = segment.labels[1 + follower]
-    show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
 # A window that nothing is learned from
 
 
 def choose_validation(workspace: Workspace, recording: Recording) -> None:
-    """The recording, vehicles and window to validate on, and the result where there is a fit."""
+    """The recording, vehicles and window to validate on, and its errors where there is a result."""
     st.caption(
         "The learned parameters are simulated behind the leader of this window, from which nothing"
         " is learned. Page Train shows the errors beside those of the training window."
@@ -233,7 +210,7 @@ def _learned(workspace: Workspace) -> tuple[Window, ...]:
     """The windows that the result was learned from, or the next one will be."""
     if workspace.result:
         return tuple(info.window for info in workspace.result.infos)
-    return workspace.several_windows or (workspace.asked.window,)
+    return workspace.windows
 
 
 def _upload(workspace: Workspace) -> None:
@@ -261,11 +238,9 @@ def show_validation(workspace: Workspace) -> None:
             " are no learned parameters yet."
         )
         return
-    learned = result.segments or (segment,)
-    findings = validation_findings(learned, other)
-    validated, errors = ClosedLoop.of(other, result.fit), result.evaluation.closed_loop
-    infos = [part.info for part in learned]
-    table = validation_table(infos, errors, other.info, validated.errors)
+    findings = validation_findings(result.segments, other)
+    validated, errors = ClosedLoop.of(other, result.estimate), result.evaluation.closed_loop
+    table = validation_table(result.infos, errors, other.info, validated.errors)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
     said = (*messages(findings, segment), *messages(validated.findings, other))
     show.messages(said, "warning")

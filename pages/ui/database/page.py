@@ -13,21 +13,20 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.inference.answer import SPEEDS
-from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.estimate import SPEEDS
+from accpinn.methods.registry import COMPARED
 from accpinn.model.registry import CTHPS
 from accpinn.recordings import Window
 from accpinn.results import database as results
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.tables.estimates import TITLES
 from accpinn.study import studies as on_disk
 from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, kept, select, tabs
 from pages.ui.database import running
-from pages.ui.session.resources import batch_queue, find_recording
+from pages.ui.session.resources import batch_queue, find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
@@ -164,8 +163,8 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
     if selected.whole is None:
         show.messages("No row has these properties; take a filter back.")
         return
-    answer, chart = st.columns((1, 2.1), gap="medium")
-    with answer, st.container(border=True):
+    found, chart = st.columns((1, 2.1), gap="medium")
+    with found, st.container(border=True):
         st.markdown(f"#### {escape_markdown(results.headline(selected.whole))}")
         said = results.extent(selected.whole, selected.makes, selected.recordings)
         if selected.rows["distance_setting"].nunique() > 1:
@@ -210,7 +209,7 @@ def _show_filters(
             filters[name] = choices[key]
     method = str(choices.get("database_method"))
     if method not in (known := list(dict.fromkeys(rows["method"]))):
-        method = KEY if KEY in known else known[0]
+        method = COMPARED[0] if COMPARED[0] in known else known[0]
     choices["database_method"] = method
     by = choices["database_by"] = select(
         "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "make",
@@ -330,15 +329,15 @@ def _show_spread(selected: ShownRows, name: str) -> None:
 
 def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
     """Whose rows are shown, window by window; returns what they are."""
-    titles = {method: TITLES.get(method, method) for method in dict.fromkeys(rows["method"])}
+    titles = {method: title_of_variant(method) for method in dict.fromkeys(rows["method"])}
     method = workspace.choices["database_method"]
     if len(titles) > 1:
         select(
             "Method", titles, method, "database_method",
             lambda method: choose(workspace, method=method),
-            help="Of the rows; groups rest on the answers, which are the same for all methods.",
+            help="Of the rows; groups rest on the windows' posteriors.",
         )  # fmt: skip
-    return f"The CTHP of each window alone, {titles[method]}."
+    return f"Each window alone, {titles[method]}."
 
 
 def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
@@ -365,7 +364,7 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
     out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
     st.caption(
         f"{whose} String stable above the lines.{where}{out} The verdicts are the CTHP's, without"
-        " the further terms of the answer's model, by which the table and the sentence above judge."
+        " the further terms of the study's model, by which the table and the sentence above judge."
         " Click on a point to open its window."
     )
     _show_chosen(workspace, rows, selected)
@@ -407,7 +406,7 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
     )  # fmt: skip
     st.caption(
         f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
-        " answer's model. Click on a heading to sort, on the magnifier to search, on the left edge"
+        " method's model. Click on a heading to sort, on the magnifier to search, on the left edge"
         " of a row to open its window."
     )
     _show_chosen(workspace, rows, selected)

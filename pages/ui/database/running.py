@@ -7,8 +7,7 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import VARIANTS
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
 from accpinn.results.database import estimate_line, progress_line, summary_line
@@ -21,14 +20,19 @@ from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
-from pages.ui.session.resources import batch_queue, folders, recordings_folder
+from pages.ui.session.resources import (
+    batch_queue,
+    folders,
+    recordings_folder,
+    title_of_variant,
+)
 from pages.ui.session.workspace import Workspace
 
 REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
            math.inf: "whole stretches"}  # fmt: skip
-DEFAULT_METHODS = (KEY, "least-squares")
+DEFAULT_METHODS = ("pinn", "least-squares")
 ALL = "all recordings"
 KEPT_CHOICES = ("database_by", "database_tabs", "database_units")
 """Choices among those of this page that hold for another study, too."""
@@ -145,7 +149,7 @@ def show_form(workspace: Workspace) -> None:
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
     methods = st.multiselect(
-        "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
+        "Methods", list(VARIANTS), format_func=title_of_variant,
         **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1.6, 1, 1), vertical_alignment="bottom")
@@ -154,8 +158,9 @@ def show_form(workspace: Workspace) -> None:
         help="Longest window; complete stretches in car-following under ACC are cut into these.",
     )  # fmt: skip
     model = select(
-        "Model of the answer", TITLES, BEST, "database_answer", workspace, place=columns[1],
-        help="Whose parameters the table of groups has.",
+        "Model", TITLES, BEST, "database_model_of", workspace, place=columns[1],
+        help="Methods estimate it where they can, and else their usual one; the table of groups"
+        " has its parameters.",
     )  # fmt: skip
     cases: dict[Case, str] = {"II": "Case II", "I": "Case I"}
     case = select(

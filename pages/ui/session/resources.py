@@ -7,6 +7,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import RecordingError, SegmentError
+from accpinn.methods.registry import METHODS, VARIANTS
 from accpinn.recordings import Recording, Window, files
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from accpinn.segment import Segment
@@ -64,6 +65,14 @@ def batch_queue() -> TaskQueue:
 def download_queue() -> TaskQueue:
     """The queue of downloads."""
     return TaskQueue(prepare=lambda: None)
+
+
+def title_of_variant(name: str) -> str:
+    """What a method is called that a name in `VARIANTS` stands for; another name as it is."""
+    if name not in VARIANTS:
+        return name
+    key, config = VARIANTS[name]
+    return METHODS[key].title + (f" ({config.preset})" if config else "")
 
 
 # The server's own recordings, samples and files of its folder

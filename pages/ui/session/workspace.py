@@ -39,6 +39,12 @@ KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(VARIANTS)
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
 """What is asked before anything is open."""
+TITLE_OF: dict[PresetName, str] = {
+    "calibrated": "Recommended",
+    "fast": "Fast",
+    "paper": "Paper",
+}
+"""The presets' names on pages, in their order."""
 Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
 
@@ -315,6 +321,11 @@ class Workspace:
             changes: fields of an `Analysis`: vehicles, case or excluded.
         """
         self._ask(replace(self.asked, windows=(window or self.asked.window,), **changes))
+
+    def choose_all(self, asked: Analysis) -> None:
+        """Choose all that an analysis asks of the open recording; earlier results become rows."""
+        self.choose(asked.window, vehicles=asked.vehicles, case=asked.case, excluded=asked.excluded)
+        self.take(asked)
 
     def _ask(self, asked: Analysis) -> None:
         before, self.asked = self.asked, asked

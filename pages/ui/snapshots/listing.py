@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import streamlit as st
+from accpinn.results.messages.answer import time_gap_in_words
+from accpinn.results.tables.answer import gap_column
 
 from accpinn.errors import RecordingError
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
-from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.tables import ABSENT, Cell, Column, Table
-from accpinn.results.tables.answer import gap_column
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
@@ -28,7 +28,7 @@ from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
-from accpinn.units import Quantity, MetresPerSecond
+from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
