@@ -320,8 +320,9 @@ def verify(
 
 def _data(source: str | os.PathLike[str] | Data) -> Data:
     """What is to be analysed, read from the file where a path is given."""
-    is_cut = isinstance(source, Segment | Sequence) and not isinstance(source, str | bytes)
-    return _segments(source) if is_cut else _recording(source)
+    if isinstance(source, Segment | Sequence) and not isinstance(source, str | bytes):
+        return _segments(source)
+    return _recording(source)
 
 
 def _recording(source: object) -> Recording:

@@ -171,19 +171,20 @@ def _initial(text: str, model: str | None) -> list[float]:
 
 @contextmanager
 def _progress_bar() -> Iterator[OnProgress]:
-    """A bar on standard error where that is a terminal: phase, time left, value, parameters."""
+    """A bar a phase on standard error where that is a terminal: time left, value, parameters."""
     form = "{desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
     with ExitStack() as opened:
-        bar: tqdm[Any] | None = None
+        phase = ""
+        bar: tqdm[Any] = tqdm(disable=True)
 
         def show_progress(now: Progress) -> None:
-            nonlocal bar
-            bar = bar or opened.enter_context(
-                tqdm(file=sys.stderr, bar_format=form, mininterval=0.2, disable=None)
-            )
-            if now.phase != bar.desc:
-                bar.desc = now.phase
-                bar.reset()
+            nonlocal phase, bar
+            if now.phase != phase:
+                opened.close()
+                phase, bar = now.phase, opened.enter_context(
+                    tqdm(desc=now.phase, file=sys.stderr, bar_format=form, mininterval=0.2,
+                         disable=None)
+                )  # fmt: skip
             bar.total = now.iterations
             bar.set_postfix_str(", ".join(_moment(now)), refresh=False)
             bar.update(now.iteration - bar.n)
@@ -214,8 +215,9 @@ def fit_text(result: Result) -> str:
     count = f"{estimate.iterations} iterations in " if estimate.iterations else ""
     effort = f"{count}{estimate.seconds:.1f} s{cached}"
     first = [*_by_hand(info), *(f"{card.lead} {card.trust}" for card in cards(result))]
+    told = [*first, f"{name_of(estimate)}: {about_point(estimate)}."]  # that below the table
     said = [f"{estimate.outcome.value} ({effort})", *incidents(result.evaluation, info)]
-    said += [f"Note: {note}" for note in notes(result) if note not in first]
+    said += [f"Note: {note}" for note in notes(result) if note not in told]
     return "\n".join([*first, "", tables[0].to_text(), about_estimate(result), "",
                       *_texts(tables[1:]), *said])  # fmt: skip
 

@@ -15,6 +15,7 @@ from accpinn.results.documents import parameter_card
 from accpinn.results.export import SAMPLES, snapshot_types
 from accpinn.results.reproduction import verification_table
 from accpinn.results.tables import Column, Table
+from accpinn.results.vehicles import where
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
 from accpinn.study.store import Entry, Store
@@ -126,12 +127,8 @@ def _describe_verification(snapshot: Result, verification: Verification) -> dict
 
 
 def _verification_text(snapshot: Result, verification: Verification, given: Set[str]) -> str:
-    info = snapshot.info
-    about = [
-        snapshot.name,
-        f"{info.source}, {info.window}, {snapshot.estimate.method}",
-        snapshot.created,
-    ]
+    place = where(snapshot.info, windows=snapshot.infos)
+    about = [snapshot.name, f"{place}, {snapshot.estimate.method}", snapshot.created]
     cures = {check.cure: None for check in verification.unchecked if check.cure}
     options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []

@@ -527,13 +527,13 @@ class Estimate:
         return self._spans[key]
 
 
-def of_window(arrays: Mapping[str, FloatArray], window: int) -> dict[str, FloatArray]:
+def of_window(arrays: Mapping[str, Any], window: int) -> dict[str, Any]:
     """The arrays of one window (0 for the first), by their names without its number."""
     prefix = f"window{window}."
     return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
 
 
-def for_window(arrays: Mapping[str, FloatArray], window: int) -> dict[str, FloatArray]:
+def for_window(arrays: Mapping[str, Any], window: int) -> dict[str, Any]:
     """The same arrays by names that `of_window` reads."""
     return {f"window{window}.{name}": values for name, values in arrays.items()}
 

@@ -58,7 +58,10 @@ class DisturbanceSize(Finding, frozen=True):
 
 
 class Rise(NamedTuple):
-    """Where the search for the maxima of G groups has come to; of each the best of its starts."""
+    """Where the search for the maxima of G groups has come to; of each the best of its starts.
+
+    At first it is where a caller's initial values are.
+    """
 
     form: Form
     """The model that is searched: first the CTHP, then the one that is asked for."""
@@ -81,8 +84,9 @@ def rising(
 ) -> Iterator[Rise]:
     """Search for the maxima that `joint_maxima` returns, one round after the other.
 
-    The first search begins at the ``initial`` α, β and τ, else in the middle of published ones. The
-    maxima of the CTHP are where searches for a model with further terms begin.
+    The first search begins at the ``initial`` α, β and τ, else in the middle of published ones, and
+    at two further places. The maxima of the CTHP are where searches for a model with further terms
+    begin.
     """
     series = series_of(segments, case, followers)
     criterion = Criterion(series, PAPER_SPEC)
@@ -90,7 +94,7 @@ def rising(
     if initial is not None:
         theta = np.maximum(initial.theta, LEAST)
         rows[: series.groups, :3] = np.log(theta)
-    yield from (rise := _Rising()).through(criterion, rows)
+    yield from (rise := _Rising()).through(criterion, rows, from_first=initial is not None)
     if spec != PAPER_SPEC:
         starts = _further_starts(spec.model, [maximum.coordinates for maximum in rise.maxima])
         yield from rise.through(Criterion(series, spec), np.array(starts))
@@ -101,13 +105,18 @@ class _Rising:
 
     maxima: tuple[Maximum, ...] = ()
 
-    def through(self, criterion: Criterion, rows: FloatArray) -> Iterator[Rise]:
-        """Ascend from rows (S * G, P), and yield the best of each group after every round."""
+    def through(
+        self, criterion: Criterion, rows: FloatArray, from_first: bool = False
+    ) -> Iterator[Rise]:
+        """Ascend from rows (S * G, P), and yield the best of each group after every round.
+
+        Before the first round it may be the first start of each that is yielded.
+        """
         count = criterion.series.groups
         groups = np.arange(len(rows)) % count
         for at in ascend(criterion, rows, groups):
-            by_start = at.value.reshape(-1, count)
-            best = by_start.argmax(axis=0) * count + np.arange(count)
+            start = 0 if from_first else at.value.reshape(-1, count).argmax(axis=0)
+            best, from_first = start * count + np.arange(count), False
             self.maxima = tuple(at.maxima[k] for k in best) if at.maxima else ()
             yield Rise(
                 criterion.form,

@@ -13,7 +13,6 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
 from accpinn.methods.estimate import ParameterTrack, of_window
-from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import COMPARED
 from accpinn.methods.state_space import EXTRA
 from accpinn.model import registry
@@ -211,14 +210,8 @@ def _show_estimates(shown: _Shown) -> None:
     follower, recommended = shown.follower, shown.recommended
     one = recommended or shown.rows[0]
     speed = float(one.estimate.speeds[follower])
-    points = [
-        (name_of(row.estimate), figures.row_of(row, follower, speed))
-        for row in shown.rows
-        if row is not recommended
-    ]
-    above = None
-    if recommended:
-        above = name_of(recommended.estimate), figures.row_of(recommended, follower, speed)
+    points = [figures.row_of(row, follower, speed) for row in shown.rows if row is not recommended]
+    above = figures.row_of(recommended, follower, speed) if recommended else None
     truth = registry.gains_and_gap(PAPER, shown.truth, speed) if shown.truth else None
     earlier = _choose_earlier(shown, speed)
     figure = figures.estimates(points, shown.colour, above, truth, earlier)
@@ -264,7 +257,7 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Row]:
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
             title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = title, figures.row_of(row, follower, speed)
+            known[title] = title, figures.row_of(row, follower, speed)[1]
     if not known:
         return []
     chosen = st.multiselect(
@@ -378,7 +371,7 @@ def _show_starts(shown: _Shown) -> None:
         with st.container(horizontal=True, vertical_alignment="center"):
             preset = segments("Preset of the starts", TITLE_OF, "fast", "compare_preset", workspace)
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
-                workspace.train_starts(PRESETS[preset])
+                workspace.train_starts(preset)
                 st.rerun()
         st.caption(
             "Trains the network from five initial values of α, β and τ, as in the paper's Table I."

@@ -11,7 +11,7 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.methods.pinn.config import FAST, PresetName
+from accpinn.methods.pinn.config import PresetName
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import PAPER
@@ -45,7 +45,8 @@ def table_buttons(workspace: Workspace, place: str) -> None:
     """A button for each table whose recording is at hand; it turns to page Train."""
     for item, run in TABLES.items():
         opening = find_run(workspace, run.campaign, run.file)
-        if opening is None or (place == "data" and not run.is_of(workspace.recording)):
+        here = workspace.recording and run.is_of(workspace.recording)
+        if opening is None or (place == "data" and not here):
             continue
 
         def take(run: paper.PrintedRun = run, opening: Callable[[], None] = opening) -> None:
@@ -218,7 +219,7 @@ def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    workspace.train_starts(FAST)
+    workspace.train_starts("fast")
 
 
 def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:

@@ -9,19 +9,20 @@ import pytest
 from accpinn.cli import main
 from accpinn.cli.estimation import fit_text
 from accpinn.evaluation.closed_loop import SimulatedCollision
+from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import describe_fit
-from accpinn.results.messages.answer import PAPERS_ESTIMATE
+from accpinn.results.messages.estimate import PAPERS_POINT, POINT
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.openacc_files import csv
 from tests.support.samples import frame
-from tests.support.snapshots import altered, small
+from tests.support.snapshots import small
 
 KEYS = {
     "method", "case", "preset", "seed", "segment", "parameters", "mae", "mean_time_gap", "loss",
     "network_weights", "iterations", "seconds", "cached", "outcome",
 }  # fmt: skip
-LIKELIHOOD = ("--method", "maximum-likelihood")
+FEW_ROUNDS = ("--preset", "paper", "--iterations", 4)
 
 
 def test_document_of_the_command_line_contract(capsys: Capture) -> None:
@@ -29,33 +30,55 @@ def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     assert found.keys() >= KEYS
     assert (found["method"], found["case"], found["model"]) == ("pinn", "II", "cthp-s0-delay")
     assert (found["preset"], found["seed"], found["outcome"]) == ("calibrated", 0, "converged")
+    (answer,) = found["answer"]
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)
     assert segment["vehicles"] == [4, 5]
     (row,) = found["parameters"]
     assert (row["vehicle"], row["name"]) == (5, "Tesla(Model3-like)")
     assert min(row["alpha"], row["beta"], row["tau"]) > 0
+    assert answer["parameters"] == {name: row[name] for name in answer["parameters"]}
+    for name, (low, high) in answer["intervals"].items():
+        assert low < answer["parameters"][name] < high, name
     counts = [len(found["mae"]["v"]), len(found["mae"]["p"]), len(found["mean_time_gap"])]
     assert counts == [2, 1, 1]
     loss = found["loss"]
     assert loss["total"] == pytest.approx(loss["data"] + loss["physics"])
 
 
-def test_another_method_in_case_one_names_the_options_without_effect(capsys: Capture) -> None:
-    options = ("--method", "least-squares", "--vehicles", "3-5", "--model", "cthp")
-    words = ("fit", str(PLATOON), *SHORT, *options, "--case", "I", "--preset", "fast", "--json")
-    assert main([*words, "--seed", "0"]) == 0
+def test_a_point_in_case_one_has_no_intervals_and_names_the_options_without_effect(
+    capsys: Capture,
+) -> None:
+    options = ("--method", "least-squares", "--vehicles", "3-5")
+    words = ("fit", str(PLATOON), *SHORT, *options, "--case", "I", "--json")
+    assert main([*words, "--seed", "0", "--threads", "1"]) == 0
     printed = capsys.readouterr()
-    assert "--preset, --seed has no effect" in printed.err
+    assert "--seed, --threads has no effect" in printed.err
     found = strict(printed.out)
-    assert (found["method"], found["outcome"]) == ("least-squares", "solved")
+    assert (found["method"], found["model"], found["outcome"]) == ("least-squares", "cthp", "solved")
     assert found["segment"]["left_out"] == {"regimes": [], "share": []}
     assert (found["preset"], found["network_weights"], found["mae"]) == (None, 0, None)
-    assert (found["level"], bool(found["intervals"])) == (None, False), "nobody asked"
+    assert (found["level"], bool(found["intervals"]), "answer" in found) == (None, False, False)
     assert len(found["closed_loop_mae"]["p"]) == 2
     first, second = found["parameters"]
     assert [first["vehicle"], second["vehicle"]] == [4, 5]
     assert first["alpha"] == second["alpha"]
+
+
+def test_a_preset_of_the_paper_has_its_model_unless_told_otherwise(capsys: Capture) -> None:
+    part = ("fit", PLATOON, *SHORT, "--vehicles", "4,5", *FEW_ROUNDS)
+    assert document(capsys, *part)["model"] == "cthp"
+    idm = document(capsys, *part, "--model", "idm")
+    assert idm["model"] == "idm"
+    assert idm["parameters"][0].keys() >= {"alpha", "beta", "tau", "a", "b", "T", "s0", "v0"}
+
+
+def test_what_is_fixed_keeps_its_value_under_both_names(capsys: Capture) -> None:
+    part = ("fit", PLATOON, *SHORT, "--vehicles", "4,5", "--method", "maximum-likelihood")
+    found = document(capsys, *part, "--fixed", "s0=4.5", "--hold", "delay=0.3")
+    assert (found["method"], found["preset"]) == ("pinn", "calibrated")
+    (row,) = found["parameters"]
+    assert (row["s0"], row["delay"]) == (4.5, pytest.approx(0.3, rel=1e-12))
 
 
 def test_regimes_are_left_out_when_asked(capsys: Capture, tmp_path: Path) -> None:
@@ -71,16 +94,15 @@ def test_regimes_are_left_out_when_asked(capsys: Capture, tmp_path: Path) -> Non
 def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
     found = document(
         capsys,
-        *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
-        *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--vehicles", "4,5"),
-        *("--model", "cthp"),
+        *("fit", PLATOON, *SHORT, *FEW_ROUNDS, "--lbfgs", 3, "--vehicles", "4,5"),
+        *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1),
     )
     assert found["network_weights"] == 7623
     assert (found["iterations"], found["seed"], found["outcome"]) == (7, 7, "finished")
     assert found["loss"].keys() >= {"test_data", "test_physics"}
     (row,) = found["parameters"]
     assert 1.3 != row["tau"] == pytest.approx(1.3, abs=0.3)
-    assert any(PAPERS_ESTIMATE in note for note in found["notes"])
+    assert any(PAPERS_POINT in note for note in found["notes"])
 
 
 def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
@@ -98,15 +120,16 @@ def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
 
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     crash = replace(small().evaluation, findings=(SimulatedCollision(2, 12.3, -1.0),))
-    swaying = altered(small(), evaluation=crash)
-    (event,) = describe_fit(swaying, False)["incidents"]
+    swaying = replace(small())
+    vars(swaying)["evaluation"] = crash
+    (event,) = describe_fit(swaying)["incidents"]
     assert "collides with the vehicle ahead at" in event
-    assert event in fit_text(swaying, False)
-    assert not describe_fit(small(), False)["incidents"]
+    assert event in fit_text(swaying)
+    assert not describe_fit(small())["incidents"]
 
 
 def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
-    options = (*LIKELIHOOD, "--windows", "10-40,100-130", "--vehicles", "1-3")
+    options = ("--windows", "10-40,100-130", "--vehicles", "1-3")
     found = document(capsys, "fit", PLATOON, *options)
     assert found.keys() >= KEYS | {"windows", "intervals", "level"}
     segment = found["segment"]
@@ -128,6 +151,16 @@ def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -
     assert starts.count("10–40 s") == starts.count("100–130 s") == 2
 
 
+@pytest.mark.parametrize("method", [key for key in METHODS if key != "pinn"])
+def test_every_method_takes_several_windows(capsys: Capture, method: str) -> None:
+    part = ("--vehicles", "1,2", "--method", method, "--model", "cthp")
+    both = document(capsys, "fit", PLATOON, "--windows", "10-50,100-140", *part)
+    alone = document(capsys, "fit", PLATOON, "--start", 10, "--duration", 40, *part)
+    assert [window["start"] for window in both["windows"]] == [10, 100]
+    (together,), (first,) = both["parameters"], alone["parameters"]
+    assert together["alpha"] != first["alpha"]
+
+
 @pytest.mark.usefixtures("cthp_alone")
 def test_missing_samples_are_for_the_likelihood_and_others_name_it(
     capsys: Capture, tmp_path: Path
@@ -135,21 +168,38 @@ def test_missing_samples_are_for_the_likelihood_and_others_name_it(
     made, holes = frame(3001), tmp_path / "holes.csv"
     made.loc[200:399, ["Speed2", "IVS1"]] = np.nan  # for 20 of its first 60 s
     holes.write_bytes(csv(made))
-    for options in (("fit", holes, "--method", "splines"), ("fit", holes), ("starts", holes)):
+    for options in (("fit", holes, "--method", "splines"), ("fit", holes, "--preset", "fast")):
         said = refused(capsys, 1, *options)
         assert "holes.csv: Speed2 is missing at 20–39.9 s" in said
-        assert "choose maximum-likelihood, which allows missing samples." in said
-    some = ("--methods", "maximum-likelihood,splines")
-    assert "choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
-    window = ("--methods", "maximum-likelihood", "--duration", 60)
+        assert "choose the PiNN's preset calibrated, which allows missing samples." in said
+    some = ("--methods", "pinn,splines")
+    assert "preset calibrated alone" in refused(capsys, 1, "compare", holes, *some)
+    window = ("--methods", "maximum-likelihood", "--duration", 60, "--model", "cthp")
     (row,) = document(capsys, "compare", holes, *window)["rows"]
-    assert len(row["blocks_mae"]) == 2
+    assert (row["method"], len(row["blocks_mae"])) == ("pinn", 2)
+
+
+def test_methods_are_compared_on_all_windows_beside_the_recommended_estimate(
+    capsys: Capture,
+) -> None:
+    part = ("compare", PLATOON, "--windows", "10-50,100-140", "--vehicles", "1,2")
+    found = document(capsys, *part, "--methods", "pinn,least-squares")
+    assert [window["start"] for window in found["windows"]] == [10, 100]
+    best, point = found["rows"]
+    assert (best["model"], point["model"]) == ("cthp-s0-delay", "cthp")
+    (answer,) = found["answer"]
+    assert answer["parameters"].items() <= best["parameters"][0].items()
+    assert bool(best["intervals"]) is not bool(point["intervals"])
+    for row in found["rows"]:
+        assert all(row[name]["p"] for name in ("closed_loop_mae", "holdout_mae"))
+    assert main([*map(str, part), "--methods", "splines"]) == 0
+    assert POINT in capsys.readouterr().out
 
 
 def test_a_real_recording_with_holes_is_fitted_whole(capsys: Capture, openacc_dir: Path) -> None:
     recording = openacc_dir / "JRC low speed" / "part12.csv"
     whole = ("fit", recording, "--vehicles", "1,2", "--duration", 1000)
-    found = document(capsys, *whole, *LIKELIHOOD)
+    found = document(capsys, *whole, "--model", "cthp")
     assert found["segment"]["samples"] == read(recording).samples
     assert 0.5 < found["parameters"][0]["tau"] < 8
 

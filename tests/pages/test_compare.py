@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
+from accpinn.inference.answer import Answer
+from accpinn.inference.answer import answer as answer_of
+from accpinn.results.messages.answer import time_gap_in_words
 
 from accpinn import METHODS, Result, messages
 from accpinn.errors import SegmentError
-from accpinn.inference.answer import Answer
-from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files
-from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.judge import Judgement

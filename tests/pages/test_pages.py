@@ -7,30 +7,25 @@ import numpy as np
 import pytest
 
 from accpinn import METHODS, Parameters, Recording, preset
-from accpinn.methods import least_squares
 from accpinn.methods.estimate import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
 from accpinn.model.published import ASTAZERO_ALIKE
-from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.glossary import MEANINGS
-from accpinn.results.messages.answer import cards
-from accpinn.results.messages.summary import conditional
+from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
 from accpinn.results.recording import recording_table
-from accpinn.results.reproduction import CASALE_RUN
-from accpinn.results.tables.answer import answer_table, own_windows_table
-from accpinn.results.vehicles import known_vehicles
-from accpinn.study.result import result_of
-from accpinn.tasks import Status, Task
+from accpinn.results.reproduction import CASALE_RUN, ITEMS, learned_line, reproduction_table
+from accpinn.results.tables.estimates import parameter_table, windows_table
+from accpinn.tasks import Status
 from pages.ui.components.monitor import monitor
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
-from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
+from pages.ui.reproduction import runs_of
 from pages.ui.session import resources, sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
 from pages.ui.session.workspace import Workspace
@@ -39,11 +34,11 @@ from tests.support.apptest import (
     PAGES,
     WAIT,
     WIDGETS,
-    answer,
     fitted,
     open_page,
     read,
     stop_tasks,
+    train_at_once,
     until,
     with_pair,
     with_sample,
@@ -139,19 +134,29 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert session.choices[TABS] == PANELS
 
 
-def test_a_run_of_the_paper_is_opened_with_its_window(
-    monkeypatch: pytest.MonkeyPatch, openacc_dir: Path
+@pytest.mark.parametrize("title", ["Table I", "Table II", "Table III"])
+def test_a_table_of_the_paper_takes_two_clicks(
+    title: str, monkeypatch: pytest.MonkeyPatch, openacc_dir: Path
 ) -> None:
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
-    page = open_page("Home").open_tab("home_tabs", "Reproduce the paper")
-    session = page.press("home_TableII_run").workspace()
-    assert (session.asked.window, session.asked.case) == (Window(320.0, 620.0), "I")
-    assert session.recording.source == "ASta_040719_platoon5.csv"
-    answer(session, "I")
+    (item,) = (item for item in ITEMS if item.title == title)
+    run, printed = item.run, item.verdicts[0]
+    session = open_page("Home").press(f"home_{title.replace(' ', '')}").workspace()
+    assert (session.windows, session.asked.vehicles) == (run.windows, run.vehicles)
+    assert (session.asked.case, session.preset, session.spec.model) == (run.case, "fast", "cthp")
+    page = open_page("Train", session).press("Start training")
+    assert session.training.wait(WAIT)
+    learned = session.result.parameters
+    rows = learned[: len(printed.vehicles) if len(learned) >= len(printed.vehicles) else 1]
+    table = reproduction_table(printed, rows)
+    assert page.sound().shows(table, len(table.rows))
+    assert learned_line(printed, rows) in page.plain()
     page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
-    assert "Learned here" not in page.texts(), "Table III is not of Case I"
-    page.choose("home_printed", ASTAZERO_ALIKE.title)
-    assert "Learned here" in page.texts()
+    page.choose("home_printed", printed.vehicles.title)
+    assert page.shows(table, len(table.rows))
+    session.choose(window=Window(0.0, 60.0))
+    assert open_page("Data", session).press(f"data_{title.replace(' ', '')}")
+    assert session.windows == run.windows
 
 
 def test_a_file_of_another_campaign_is_no_run_of_the_paper(
@@ -161,8 +166,9 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
     run = replace(recording(frame(3001), "AB"), source="part7.csv")
     for campaign, is_run in (("JRC low speed", False), ("Casale", True)):
         session = with_recording(replace(run, campaign=campaign))
-        session.choose(CASALE_RUN.window, vehicles=CASALE_RUN.vehicles)
-        answer(session)
+        session.choose(*CASALE_RUN.windows, vehicles=CASALE_RUN.vehicles)
+        session.preset = "fast"
+        train_at_once(session)
         assert bool(runs_of(session, CASALE_RUN)) is is_run
         assert not runs_of(session, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
         place = tmp_path / campaign / "part7.csv"
@@ -184,13 +190,11 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     session.choose(window=Window(100.0, 200.0))
     session.window_starts = None
     assert session.several_windows
-    page.sound().press("data_papers")
-    asked = session.asked
-    assert (asked.vehicles, asked.window) == (CASALE_RUN.vehicles, CASALE_RUN.window)
-    assert not session.several_windows
-    assert page.button(key="data_papers").disabled
+    page.sound().press("data_TableI")
+    assert (session.asked.vehicles, session.windows) == (CASALE_RUN.vehicles, CASALE_RUN.windows)
+    assert session.preset == "fast"
     page = open_page("Data").upload("part7.csv", csv(platoon()))
-    assert "data_papers" not in page.buttons, "another's content"
+    assert "data_TableI" not in page.buttons, "another's content"
 
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
@@ -201,9 +205,6 @@ def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_
     (overview,) = page.figures()
     assert overview["layout"]["shapes"][0]["x1"] == 300.0
     assert page.slider(key="data_ends").value == (0.0, 300.0)
-    page.open_tab("data_tabs", "Regimes")
-    page.choose("data_sensitivity", True)
-    assert "so there is nothing to compare" in page.texts(), "no regime occurs in it"
     page.open_tab("data_tabs", "Changes to the data")
     assert "None: every sample" in page.texts()
     page.open_tab("data_tabs", "Window")
@@ -252,8 +253,6 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     for title in ("Train", "Compare"):
         assert "without catching up" in open_page(title, session).texts()
     page.open_tab("data_tabs", "Regimes")
-    page.choose("data_sensitivity", True)
-    assert "Without catching up" in page.texts()
     page.choose("data_exclude_catching up", False)
     assert session.segment.mask is None
 
@@ -268,7 +267,7 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     page = open_page("Data", session).open_tab("data_tabs", "About the recording")
     assert page.shows(recording_table(session.recording), 3)
     session.choose(vehicles=(2, 3))
-    answer(session)
+    train_at_once(session)
     for title in ("Train", "Stability"):
         assert "<td>Human</td>" in open_page(title, session).texts(), "the table carries it"
     session.choose(window=Window(0.0, 30.0))
@@ -283,9 +282,9 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     page = open_page("Data", session)
     page.segmented_control(key="data_case").set_value("I").run()
     assert session.asked.case == "I"
-    lasts = METHODS["pinn"].expected_seconds(session.segment, preset("paper"))
+    lasts = METHODS["pinn"].expected_seconds(session.segments, preset("paper"))
     label = page.button(key="data_train").label
-    assert all(part in label for part in ("paper preset", "Case I", format_duration(lasts)))
+    assert all(part in label for part in ("Paper", "Case I", format_duration(lasts)))
     leader, last, *_ = page.selectbox
     leader.set_value(3).run()
     assert session.asked.vehicles == (3, 4, 5)
@@ -367,7 +366,7 @@ def test_windows_that_were_switched_off_stay_so_where_their_result_is_shown_agai
     monkeypatch.setattr(resources, "windows_in_car_following", lambda *_: every)
     session = with_sample()
     assert session.several_windows == every
-    session.take(replace(session.training_analysis(CALIBRATED), windows=every[1:]))
+    session.take(replace(session.analysis(), windows=every[1:]))
     assert session.several_windows == every[1:]
     session.choose(vehicles=(1, 2))
     assert session.several_windows == every, "other vehicles have other windows"
@@ -387,19 +386,6 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     assert str(first) not in said
     assert "True values: made with" in said
     assert suggested_name(session).endswith(str(second))
-
-    elsewhere = (
-        session.compared_segment,
-        resources.segment_of(session.recording, first, session.asked.vehicles, ()),
-    )
-    for segment, is_own in zip(elsewhere, (True, False), strict=True):
-        asked = session.analysis(session.config, (segment.window,)).with_method("least-squares")
-        row = result_of(asked, (segment,), (least_squares.fit(segment, "II"),))
-        forms = row.adequacy
-        session.comparison = Task(session.id, "comparison", lambda _: iter(()))
-        session.comparison.answer(row)
-        kept = session.as_snapshot().parts.adequacy
-        assert kept is (forms if is_own else None), "forms on another window are not the result's"
 
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
@@ -448,7 +434,6 @@ def test_the_first_window_avoids_holes() -> None:
 # Train
 
 
-@pytest.mark.usefixtures("cthp_alone")
 def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     session = with_sample()
     session.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
@@ -459,70 +444,109 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert session.training.wait(WAIT)
         page.sound()
         assert ("From the cache" in page.texts()) == cached
-        assert session.result.analysis.fit_key in store().session(session.id).decode()
+        assert session.result.analysis.key in store().session(session.id).decode()
+    result = session.result
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
+    assert about_truth(session.true_parameters, result.estimate) in page.plain()
     assert len(page.figures()) == 1
-    page.open_tab("train_tabs", "Comparison")
-    assert "0.0612" in page.texts(), "the truth of the first follower"
-    assert conditional(session.result, None) in page.plain()
-    page.press("train_forms")
-    assert conditional(session.result, session.adequacy(session.segment.info)) in page.plain()
-    assert "train_forms" not in page.buttons
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
-    page.open_tab("train_tabs", "Fit")
+    page.open_tab("train_tabs", "Errors")
     assert "train_start" in page.buttons
     assert "train_stop" not in page.buttons
     page.choose("train_follower", page.widget("train_follower").options[1])
     assert page.figures()[0]["layout"]["uirevision"] == "tracking-3"
-    assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
 
 
-def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
+def test_train_shows_one_estimate_whichever_preset_it_is_of() -> None:
     session = fitted()
-    result, answered = session.result, session.result.answer
+    result = session.result
     page = open_page("Train", session)
     shown = page.plain()
-    said = cards(result.info, answered, known_vehicles(result), together=True)
+    said = cards(result, together=True)
     assert all(card.lead in shown and card.trust in shown for card in said)
-    table = answer_table(result.info, answered)
+    table = parameter_table(result)
     assert page.shows(table, len(table.rows))
-    assert shown.index(" km/h, each") < shown.index("Parameters by Least squares")
+    assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
     page.open_tab("train_tabs", "Windows")
-    assert page.shows(own_windows_table(result.infos, answered, 0))
+    assert page.shows(windows_table(result, 0))
 
+    session.preset = "fast"
     collides = Parameters.stack([Parameters(0.01, 0.02, 0.2)] * 3)
-    answer(session, method="pinn", config=FAST.to_json(), parameters=collides)
-    shown = page.open_tab("train_tabs", "Fit").plain()
+    result = train_at_once(session, parameters=collides)
+    page = open_page("Train", session).open_tab("train_tabs", "Errors")
+    shown, table = page.plain(), parameter_table(result)
+    assert page.shows(table, len(table.rows))
     assert f"{result.info.labels[1]} collides with the vehicle ahead at" in shown
-    assert "PiNN (fast preset): **the paper's estimate, biased if disturbances last**" in shown
+    assert PAPERS_POINT in shown
+    assert "% interval" not in shown, "a point has none"
+    assert "robability" not in shown
+
+
+def test_recommended_estimates_a_nonlinear_model_by_simulation_and_says_so() -> None:
+    session = with_pair()
+    page = open_page("Train", session)
+    assert "PiNN, calibrated" in page.plain()
+    page.choose("train_model", "idm")
+    assert "Closed-loop simulation" in page.plain()
+    assert page.toggle(key="train_options").disabled, "it has no settings"
+    page.press("Start training")
+    assert session.training.wait(WAIT)
+    result = session.result
+    assert (result.estimate.method, result.estimate.model) == ("simulation", "idm")
+    assert result.posterior
+    table = parameter_table(result)
+    assert page.sound().shows(table, len(table.rows))
+    page = open_page("Stability", session)
+    before = page.plain()
+    assert page.choose("stability_speed", 40.0).plain() != before
+    for title in ("Platoon", "Compare"):
+        open_page(title, session)
+    other = sessions.workspaces().new()
+    other.restore(result)
+    assert other.analysis().spec.model == "idm"
+    page = open_page("Train", session).choose("train_preset", "fast")
+    assert session.spec.model == "cthp", "each preset has a model of its own"
+    assert session.result is result
 
 
 def test_a_training_of_another_model_shows_its_own_parameters() -> None:
     session = with_pair()
-    session.choose_model("idm")
     session.preset = "fast"
+    session.choose_model("idm")
     session.settings["fast"] = {"iterations": 20}
     page = open_page("Train", session)
     page.press("Start training")
     assert session.training.wait(WAIT)
     page.sound()
-    assert session.result.fit.model == "idm"
-    shown = page.plain()
-    assert "Parameters by PiNN (fast preset, own options, IDM)" in shown
-    assert "the paper's estimate" not in shown.partition("Parameters by")[2]
+    assert session.result.estimate.model == "idm"
+    assert PAPERS_POINT not in page.plain(), "it is not the paper's"
     figures = page.open_tab("train_tabs", "Training").figures()
     titles = [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
     assert titles[-5:] == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
 
 
+def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
+    session = fitted()
+    whole = session.result
+    point = replace(whole.estimate, posterior=None, windows=None)
+    task = session.training
+    task.results, task.status = (), Status.RUNNING
+    task._know(point)
+    shown = open_page("Train", session).plain()
+    assert "its intervals follow" in shown
+    known = cards(replace(whole, estimate=point), together=True)
+    assert all(card.lead in shown for card in known)
+    task.answer(whole)
+
+
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities() -> None:
-    shown = open_page("Train", fitted(outcome=Outcome.DIVERGED)).plain()
-    assert "s at 100 km/h, each known" in shown, "the answer does not depend on the training"
-    assert "they have no intervals or probabilities" in shown
-    assert "Probability of string stability" not in shown
-    assert "Estimate (90 % interval)" not in shown
+    nothing = {"posterior": None, "windows": None}
+    shown = open_page("Train", fitted(outcome=Outcome.DIVERGED, **nothing)).plain()
+    assert Outcome.DIVERGED.value in shown
+    assert "robability of" not in shown
+    assert "% interval" not in shown
 
 
 def test_stop_continue_or_begin_anew() -> None:
@@ -537,7 +561,7 @@ def test_stop_continue_or_begin_anew() -> None:
     page.press("Stop training")
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
-    at = job.result.fit.iterations
+    at = job.result.estimate.iterations
     other = open_page("Train", with_pair())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
@@ -551,19 +575,20 @@ def test_stop_continue_or_begin_anew() -> None:
     assert iterations[0] == 0, "of the whole training"
     assert (np.diff(iterations) > 0).all()
     stop_tasks(session)
-    assert session.result.fit.iterations > at
+    assert session.result.estimate.iterations > at
     assert session.runs == (), "none is finished"
     page.run()
     page.press("Start anew")
     until(lambda: session.training.progress)
     assert session.training.history().iteration[0] == 0
     stop_tasks(session)
-    assert not any(isinstance(f, Continued) for f in session.result.fit.findings)
+    assert not any(isinstance(f, Continued) for f in session.result.estimate.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
     first, second = with_pair(), with_pair()
-    first.train(preset("paper"))
+    first.preset = "paper"
+    first.train()
     other = open_page("Train", second).press("Start training")
     assert "yours is next" in other.texts()
     assert second.training is not None
@@ -599,31 +624,6 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 
 
-def test_an_answer_by_another_model_needs_no_second_training_holds_at_a_speed_and_is_kept() -> None:
-    session = with_pair()
-    assert session.analysis(session.config).model == BEST
-    assert session.preset == "calibrated", "which estimates a CTHP whatever the answer's model"
-    open_page("Train", session).press("Start training")
-    assert session.training.wait(WAIT)
-    weights = session.result.fit.arrays
-    open_page("Train", session).choose("train_options", True).choose("train_model", "idm")
-    open_page("Train", session).press("Start training")
-    assert session.training.wait(WAIT)
-    result = session.result
-    assert result.analysis.model == result.parts.answer.model == "idm", "computed already"
-    assert result.fit.cached
-    assert all((result.fit.arrays[name] == values).all() for name, values in weights.items())
-    assert "Answer: IDM, one window" in open_page("Train", session).plain()
-    page = open_page("Stability", session)
-    before = page.plain()
-    assert page.choose("stability_speed", 40.0).plain() != before
-    for title in ("Platoon", "Compare"):
-        open_page(title, session)
-    other = sessions.workspaces().new()
-    other.restore(result)
-    assert other.analysis(other.config).model == "idm"
-
-
 # What the pages stand on
 
 
@@ -639,7 +639,8 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
 
 def test_another_window_ends_a_training() -> None:
     session = with_sample()
-    session.train(preset("paper", iterations=20_000))
+    session.preset = "paper"
+    session.train()
     job = session.training
     session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
     assert session.window_starts == (), "a window chosen by hand is the one that counts"
@@ -667,7 +668,7 @@ def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -
     session = with_sample()
     session.choose(vehicles=(4, 5))
     assert session.steps
-    session.restore(answer(with_recording(recording())))
+    session.restore(train_at_once(with_recording(recording())))
     assert session.steps == ()
     assert session.asked.vehicles == (1, 2, 3), "as the recording was opened"
 
@@ -753,7 +754,7 @@ def test_a_collision_outside_the_window_is_not_said_to_be_in_its_errors(
     found = sessions.workspaces().new()
     found.open(astazero)
     found.choose(window=Window(320.0, 470.0), vehicles=(2, 3))
-    evaluation = answer(found, case="I").evaluation
+    evaluation = train_at_once(found, case="I").evaluation
     assert evaluation.out_of_window_findings
     assert not evaluation.findings
     written = open_page("Train", found).plain()

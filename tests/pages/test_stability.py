@@ -6,6 +6,7 @@ from math import isfinite, pi
 from typing import Any
 
 import pytest
+from accpinn.results.messages.answer import assumption
 
 from accpinn import Library, Parameters, stability_report
 from accpinn.errors import AccpinnError
@@ -15,7 +16,6 @@ from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
-from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import known_vehicles

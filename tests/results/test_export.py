@@ -15,7 +15,7 @@ from accpinn.errors import ParameterError
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.export import snapshot_types
 from tests.support import sumo
-from tests.support.snapshots import small
+from tests.support.snapshots import recommended, small
 
 LATE = Parameters(
     [0.08, 0.1, 0.09], [0.4, 0.3, 0.5], [0.8, 0.7, 1.2],
@@ -55,26 +55,33 @@ def test_sumo_answers_as_our_platoon() -> None:
 
 
 def test_types_hold_the_parameters_and_every_sample() -> None:
-    snapshot = small()
-    answer = snapshot.answer
+    snapshot = recommended()
+    estimate, drawn_from = snapshot.estimate, snapshot.posterior.typical
     root = ElementTree.fromstring(snapshot_types(snapshot, 5))
     singles, mixtures = root.findall("vType"), root.findall("vTypeDistribution")
     assert len(singles) == len(mixtures) == snapshot.info.followers
     for k, (single, mixture) in enumerate(zip(singles, mixtures, strict=True)):
         own = {name: float(single.get(name, "nan")) for name in ("tau", "minGap")}
-        gap, speed = answer.parameters.time_gap(answer.speeds[k])[k], answer.speeds[k]
+        gap, speed = estimate.parameters.time_gap(estimate.speeds[k])[k], estimate.speeds[k]
         assert own["tau"] + own["minGap"] / speed == pytest.approx(gap, rel=1e-9)
         gains = [float(single.get(a, "")) for a in ("gapControlGainSpace", "gapControlGainSpeed")]
-        np.testing.assert_allclose(gains, answer.parameters.values[k, :2], rtol=1e-9)
+        np.testing.assert_allclose(gains, estimate.parameters.values[k, :2], rtol=1e-9)
         held = float(single.get("actionStepLength", "0"))
-        assert held / 2 == pytest.approx(answer.parameters.delay[k], abs=0.03)
+        assert held / 2 == pytest.approx(estimate.parameters.delay[k], abs=0.03)
         # Each is one of the draws, to the digits that the file has.
         drawn = np.array([float(one.get("gapControlGainSpace", "")) for one in mixture])
         assert len(set(drawn)) == 5
-        apart = np.abs(answer.typical.alpha[:, [k]] / drawn - 1).min(axis=0)
+        apart = np.abs(drawn_from.alpha[:, [k]] / drawn - 1).min(axis=0)
         assert (apart < 1e-9).all()
         assert sum(float(one.get("probability", "")) for one in mixture) == pytest.approx(1)
     assert not ElementTree.fromstring(snapshot_types(snapshot, 0)).findall("vTypeDistribution")
+
+
+def test_a_point_has_a_type_and_no_distribution() -> None:
+    root = ElementTree.fromstring(snapshot_types(small()))
+    (single,) = root.findall("vType")
+    assert float(single.get("tau", "")) == pytest.approx(small().parameters.tau[0], rel=1e-9)
+    assert not root.findall("vTypeDistribution")
 
 
 def test_names_become_identifiers_and_an_undetermined_headway_is_refused() -> None:
@@ -85,13 +92,25 @@ def test_names_become_identifiers_and_an_undetermined_headway_is_refused() -> No
 
 
 def test_a_card_names_parameters_intervals_and_where_they_come_from() -> None:
-    snapshot = small()
+    snapshot = recommended()
     card, known, info = parameter_card(snapshot), snapshot.uncertainty, snapshot.info
     for k, vehicle in enumerate(card["vehicles"]):
-        ends = [one.tau[k] for one in (snapshot.fit.parameters, known.lower, known.upper)]
+        ends = [one.tau[k] for one in (snapshot.parameters, known.lower, known.upper)]
         named = zip(("value", "low", "high", "unit"), (*ends, "s"), strict=True)
         assert vehicle["tau"] == dict(named)
+        assert card["answer"][k]["parameters"]["tau"] == snapshot.parameters.tau[k]
+    assert card["model"]["key"] == snapshot.estimate.model
+    assert card["level"] == snapshot.posterior.level
     assert card["provenance"]["sha256"] == info.sha256
     (window,) = card["provenance"]["windows"]
     assert window["duration"] == info.window.duration
     assert "CC BY 4.0" in card["attribution"]
+
+
+def test_a_card_of_a_point_has_no_intervals() -> None:
+    card = parameter_card(small())
+    (vehicle,) = card["vehicles"]
+    assert vehicle["tau"] == {"value": small().parameters.tau[0], "unit": "s"}
+    assert vehicle["probability_l2_stable"] is None
+    assert (card["level"], "answer" in card) == (None, False)
+    assert "point" in card["about"]

@@ -1,4 +1,4 @@
-"""What is said in sentences: names, counts and numbers; the checks of a fit."""
+"""What is said in sentences: names, counts and numbers; the checks of an estimate."""
 
 import math
 from collections.abc import Callable
@@ -12,43 +12,49 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.answer import Answer, Span, answer
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.methods import least_squares
+from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.model.spec import ModelSpec
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results import database as on_batch
-from accpinn.results.messages import answer as on_answer
+from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.stability import headline, platoon_reasons, reasons
 from accpinn.results.messages.summary import Check, checks
 from accpinn.results.recording import driver_summary, suggestion_reasons
-from accpinn.results.tables import Marked
-from accpinn.results.tables.answer import answer_table
-from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
+from accpinn.study.result import Result
 from accpinn.study.studies import Failure
 from accpinn.units import Quantity
 from tests.support import studies
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
-from tests.support.snapshots import altered, delayed, small, whole
+from tests.support.snapshots import (
+    altered,
+    delayed,
+    missing_the_drive,
+    recommended,
+    result_for,
+    small,
+    trained,
+    whole,
+)
 from tests.support.vehicles import AUDI, BMW, CALM, TESLA, UNDAMPED, extreme, ordinary, row
 
-SEGMENT = sample(PLATOON, 60.0).segment
-INFO, FOLLOWER = SEGMENT.info, SEGMENT.vehicles[1]
+INFO = sample(PLATOON, 60.0).segment.info
 DAMPED, LOUD = Parameters(0.08, 0.02, 9.0), Parameters(0.08, 0.12, 1.5)
 
 
@@ -73,12 +79,12 @@ def posterior(*stable: float) -> Any:
     return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
 
 
-PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
+VERDICTS = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 
 
 def platoons(name: str, *vehicles: Parameters) -> str:
     """The reason of a verdict of the platoon."""
-    _, why = platoon_reasons(KnownVehicles(named(*vehicles)))[PLATOON.index(name)]
+    _, why = platoon_reasons(KnownVehicles(named(*vehicles)))[VERDICTS.index(name)]
     return why
 
 
@@ -93,20 +99,21 @@ def batches(*given: dict[str, Any]) -> str:
     return on_batch.headline(found) + on_batch.typical_line(found)
 
 
+def knowing(result: Result, **parts: Any) -> Result:
+    """The same result, of which some parts are known to be something else."""
+    changed = replace(result)
+    changed.__dict__.update(parts)
+    return changed
+
+
 def stopped() -> str:
-    fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
-    return on_result.summary(altered(whole(), fit=fit))[0]
+    return on_result.summary(altered(whole(), outcome=Outcome.STOPPED, iterations=12))[0]
 
 
 def collided() -> tuple[str, ...]:
     findings = (SimulatedCollision(3, 12.34, -1.5),)
-    hit = altered(whole(), evaluation=replace(whole().evaluation, findings=findings))
+    hit = knowing(whole(), evaluation=replace(whole().evaluation, findings=findings))
     return on_result.cautions(hit)["closed_loop"]
-
-
-def without_answer() -> str:
-    bare = replace(whole(), segments=())
-    return on_result.summary(altered(bare, answer=None, gain_checks=()))[0]
 
 
 MOVED = Suggestion(Window(330, 630), 0.963, None, 190)
@@ -150,10 +157,10 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: on_result.title(replace(whole(), name="")), ["4 vehicles"]),
     (lambda: collided()[0], ["12.3 s"]),
     (stopped, ["12 of 20 iterations"]),
-    (without_answer, ["All four vehicles amplify"]),
+    (lambda: on_result.summary(whole())[0], ["2 Audi (A6-like) keeps", "amplifies disturbances"]),
     (lambda: on_result.conditional(small(), delayed()), [small().info.labels[1]]),
-    (lambda: on_result.about_band(small()), [TITLES[small().answer.model]]),
-    (lambda: on_result.about_band(altered(small(), fit=replace(small().fit, model="idm-lag"))),
+    (lambda: on_result.about_band(recommended()), [TITLES[recommended().estimate.model]]),
+    (lambda: on_result.about_band(altered(recommended(), spec=ModelSpec("idm-lag"))),
      [f"linearisation of the {TITLES['idm-lag']}"]),
     (lambda: " ".join(suggestion_reasons(MOVED, Window(10.0, 20.0), 0.504)),
      ["330–630 s", "190 complete windows of 300 s", "96 %", "10–20 s", "50 %"]),
@@ -180,113 +187,142 @@ def test_a_sentence_has_its_names_counts_and_numbers(
     assert not missing(facts, say())
 
 
-@pytest.fixture(scope="module")
-def answered() -> Answer:
-    return answer((SEGMENT,), model="cthp")
+def test_followers_that_share_their_parameters_have_one_card() -> None:
+    result = result_for(sample(PLATOON, 60.0).segment, case="I")
+    (card,) = on_estimate.cards(result)
+    assert card.who == "All followers"
 
 
-def subject(answered: Answer) -> KnownVehicles:
-    names, labels = SEGMENT.names[1:], SEGMENT.labels[1:]
-    vehicles = ParameterSet(
-        SEGMENT.source, names, answered.parameters, SEGMENT.vehicles, labels
-    )  # fmt: skip
-    return KnownVehicles(vehicles, answered.uncertainty)
+def test_a_point_is_told_without_intervals() -> None:
+    """A verdict on it is certain or absent, and has no probability."""
+    result = trained()
+    gap = result.estimate.time_gap(100 / 3.6, 0).value
+    gain = result.stability.vehicles[0].peak.gain
+    card = on_estimate.cards(result)[0]
+    label = result.info.labels[1]
+    assert card.lead == (
+        f"{label} keeps {gap:.2f} s at 100 km/h."
+        f" It amplifies disturbances by up to {100 * (gain - 1):.0f} %."
+    )
+    assert card.trust == result.trust[0].in_words
+    (together,) = on_estimate.cards(result, together=True)
+    assert "%" not in together.lead.partition("They amplify")[0]
+    assert "probability" not in headline(known_vehicles(result))
+    for said in (on_estimate.assumption(result), on_estimate.about_estimate(result)):
+        assert on_estimate.PAPERS_POINT in said.replace("The paper's", "the paper's")
+        assert "bracket" not in said
 
 
-def test_followers_that_share_their_parameters_have_one_card_and_one_row() -> None:
-    answered = answer((SEGMENT,), "I", "cthp")
-    assert len(on_answer.cards(INFO, answered, subject(answered))) == 1
-    assert len(answer_table(INFO, answered, "I").rows) == 1
-
-
-def test_a_time_gap_at_a_speed_that_no_window_holds_is_marked(answered: Answer) -> None:
-    assert answered.driven.shape == (2, SEGMENT.followers)
-    assert not answered.is_driven(50 / 3.6, 0)
-    assert answered.stated_speed == 100 / 3.6, "which is driven"
-    table = answer_table(INFO, answered)
-    at_50, at_100, at_median = table.rows[0][1:4]
-    assert isinstance(at_50, Marked)
-    assert [type(cell) for cell in (at_50.cell, at_100, at_median)] == [Span] * 3
-    assert table.columns[1].shown(at_50).endswith("*")
-    low, high = table.to_csv().splitlines()[1].split(",")[2:4]
-    assert float(low) < answered.time_gap(50 / 3.6, 0).value < float(high)
-    assert "extrapolates" in on_answer.about_answer(answered)
-    town = replace(answered, driven=answered.driven - 12.0, speeds=answered.speeds - 12.0)
-    assert town.stated_speed == 50 / 3.6, "as 100 km/h was not driven"
-
-
-def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> None:
-    judged = subject(answered)
-    cards = on_answer.cards(INFO, answered, judged)
-    assert len(cards) == len(answer_table(INFO, answered).rows) == SEGMENT.followers
-    span, gain = answered.time_gap(answered.stated_speed, 0), judged.report.vehicles[0].peak.gain
-    facts = [
-        f"keeps {span.value:.2f} s at 100 km/h",
-        f"disturbances by up to {100 * (gain - 1):.0f} % (",
-    ]
+def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
+    result = recommended()
+    estimate, subject = result.estimate, known_vehicles(result)
+    cards = on_estimate.cards(result)
+    assert len(cards) == result.info.followers
+    span, peak = estimate.time_gap(estimate.stated_speed, 0), subject.report.vehicles[0].peak
+    words = on_estimate.time_gap_in_words(span, estimate.stated_speed, estimate.level)
+    facts = [f"keeps {words}", f"disturbances by up to {100 * (peak.gain - 1):.0f} % ("]
     assert not missing(facts, cards[0].lead)
     assert "one window" in cards[0].trust
-    check = GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart")
-    against, *_ = on_answer.cards(INFO, answered, replace(judged, checks=(check,)))
+    assert "bracket" in on_estimate.about_estimate(result)
+    check = GainCheck(result.info.vehicles[1], 9, rms=3.0, contradiction="apart")
+    against, *_ = on_estimate.cards(result, replace(subject, checks=(check,)))
     assert "By the model, it" in against.lead
     assert check.short in against.trust
-    slow = replace(answered, speeds=0.0 * answered.speeds + 5.0)
-    assert "at 50 km/h" in on_answer.cards(INFO, slow, subject(slow))[0].lead
+    assert against.is_contradicted
+    doubted = knowing(result, gain_checks=(check,))
+    assert any(check.short in said for said in on_estimate.contradictions(doubted))
 
 
-def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them(
-    answered: Answer,
-) -> None:
-    judged = subject(answered)
-    one_each = on_answer.cards(INFO, answered, judged)
-    (shared,) = on_answer.cards(INFO, answered, judged, together=True)
-    spans = [answered.time_gap(answered.stated_speed, k) for k in range(len(one_each))]
-    growths = sorted(100 * (vehicle.peak.gain - 1) for vehicle in judged.report.vehicles)
+def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them() -> None:
+    result = recommended()
+    estimate, subject = result.estimate, known_vehicles(result)
+    one_each = on_estimate.cards(result)
+    (shared,) = on_estimate.cards(result, together=True)
+    spans = [estimate.time_gap(estimate.stated_speed, k) for k in range(len(one_each))]
+    growths = sorted(100 * (vehicle.peak.gain - 1) for vehicle in subject.report.vehicles)
     low, *_, high = sorted(span.value for span in spans)
-    facts = [f"keep {low:.2f}–{high:.2f} s at 100 km/h"]
+    facts = [f"keep {low:.2f}–{high:.2f} s at 100 km/h, each ±"]
     facts += [f"by up to {growths[k]:.0f} % (" for k in (0, -1)]
     assert not missing(facts, shared.lead)
-    assert "one window" in shared.trust
-    against = replace(judged, checks=(GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart"),))
-    alone, *others = on_answer.cards(INFO, answered, against, together=True)
-    assert alone == on_answer.cards(INFO, answered, against)[0]
+    check = GainCheck(result.info.vehicles[1], 9, rms=3.0, contradiction="apart")
+    against = replace(subject, checks=(check,))
+    alone, *others = on_estimate.cards(result, against, together=True)
+    assert alone == on_estimate.cards(result, against)[0]
     assert alone.is_contradicted
     assert len(others) == 1
 
 
-def test_methods_are_as_far_from_the_answer_as_is_said() -> None:
-    first, answer = whole().compared[0], whole().answer
+def test_a_follower_that_is_not_determined_has_no_time_gap() -> None:
+    result = recommended()
+    typical = result.posterior.typical.everything.copy()
+    typical[:, 0] = np.nan
+    unknown = replace(result.posterior, typical=Parameters.of(typical))
+    card = on_estimate.cards(altered(result, posterior=unknown))[0]
+    assert card.lead == f"{result.info.labels[1]}: the data do not determine the time gap."
+
+
+def test_gains_are_as_far_off_as_their_intervals_say() -> None:
+    estimate = recommended().estimate
+    centre = np.array([[0.1, 0.2, 1.0, 0.0, 0.0, 0.0]] * 2)
+
+    def said(low: float, high: float) -> str:
+        factors = np.array([low, *[1.0] * 98, high])[:, None, None]
+        typical = np.concatenate([centre[:, :2] * factors, centre[:, 2:] + 0 * factors], axis=2)
+        ends = replace(estimate.posterior, typical=Parameters.of(typical), level=1.0)
+        known = replace(estimate, posterior=ends, parameters=Parameters.of(centre))
+        return on_estimate.cards(replace(recommended(), estimate=known))[0].lead
+
+    assert "Its gains: ±15 %." in said(0.9, 1.12)
+    assert "Its gains: -20/+50 %." in said(0.8, 1.5)
+    assert "Its gains are hardly known." in said(0.1, 1.5)
+
+
+def test_methods_are_as_far_from_the_recommended_estimate_as_is_said() -> None:
+    first, other = recommended(), whole().compared[0]
     spread = np.linspace(-0.3, 0.3, 101)[:, None, None]
-    centre = Parameters.of(np.tile([0.1, 0.0, 1.0, 0.0, 0.0, 0.0], (4, 1)))
+    centre = Parameters.of(np.tile([0.1, 0.0, 1.0, 0.0, 0.0, 0.0], (2, 1)))
     typical = Parameters.of(centre.everything * np.exp(spread))
-    answer = replace(answer, parameters=centre, typical=typical)
+    known = replace(first.posterior, typical=typical)
+    first = altered(first, parameters=centre, posterior=known)
 
     def said(*values: float) -> str:
-        fit = replace(first.fit, parameters=Parameters.of(np.tile(values, (4, 1))))
-        return on_result.agreement((altered(first, fit=fit),), answer)
+        row = altered(other, parameters=Parameters.of(np.tile(values, (2, 1))))
+        return on_result.agreement((first, row), first)
 
-    assert said(0.106, 0.0, 1.002).startswith("Every method agrees with the answer")
+    assert said(0.106, 0.0, 1.002).startswith("Every method agrees with the recommended estimate")
     assert "6 % (α) and 1 % (time gap) of it" in said(0.106, 0.0, 1.002)
     assert said(0.2, 0.0, 1.0).startswith("No method agrees")
     assert "1 % (time gap) of it" in said(math.nan, 0.3, 1.002)
     assert "%" not in said(math.nan, 0.3, math.nan).partition("intervals")[2]
+    assert on_result.agreement((first,), first) == "", "nothing is compared"
 
 
-def test_the_true_parameters_of_a_recording_are_all_said(answered: Answer) -> None:
+def test_the_recommended_estimate_is_one_with_a_posterior() -> None:
+    points = whole().compared
+    assert on_result.recommended_of(points) is None
+    assert on_result.recommended_of((*points, recommended())) is recommended()
+
+
+def test_the_true_parameters_of_a_recording_are_all_said() -> None:
+    estimate = trained().estimate
     simple, late = row(TESLA), row(Parameters(0.08, 0.3, 0.8, s0=6.0, delay=0.5))
-    said = on_answer.about_truth(simple, answered)
+    said = on_estimate.about_truth(simple, estimate)
     assert "without s₀" in said
     assert "0.0409" in said
-    said = on_answer.about_truth(late, answered)
+    said = on_estimate.about_truth(late, estimate)
     assert all(part in said for part in ("time gap", "s₀ 6.0 m", "d 0.50 s", "τ 0.80"))
-    assert on_answer.about_truth(row(Parameters(0.1, 0.1, 1.0, 1.0, 0.1, 0.1)), answered) == ""
+    other = row(Parameters(0.1, 0.1, 1.0, 1.0, 0.1, 0.1))
+    assert on_estimate.about_truth(other, estimate) == ""
 
 
-def test_the_papers_presets_say_so() -> None:
-    fit = least_squares.fit(SEGMENT)
-    presets = [replace(fit, method="pinn", config=c.to_json()) for c in (FAST, PAPER, CALIBRATED)]
-    said = map(on_answer.papers_estimate, (*presets, replace(presets[0], model="idm"), fit))
-    assert [*map(bool, said)] == [True, True, False, True, False]
+def test_a_point_says_what_it_is() -> None:
+    point = small().estimate
+    presets = [replace(point, method="pinn", settings=c.to_json()) for c in (FAST, PAPER)]
+    stopped = replace(presets[0], settings=CALIBRATED.to_json())
+    nonlinear = replace(presets[0], spec=ModelSpec("idm"))
+    said = [on_estimate.about_point(one) for one in (*presets, stopped, nonlinear, point)]
+    assert said == [on_estimate.PAPERS_POINT] * 2 + [on_estimate.POINT] * 3
+    assert on_estimate.about_point(recommended().estimate) == ""
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:
@@ -351,42 +387,55 @@ def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -
 
 @pytest.fixture(scope="module")
 def known() -> Uncertainty:
-    """Followers 3 to 5 are narrow and inside; follower 2 is outside, and its α wide."""
-    uncertainty = intervals(SEGMENT, least_squares.fit(SEGMENT), draws=10)
-    lower, inside = np.full((4, 3), 0.9), np.ones((4, 3), bool)
-    lower[0, 0], inside[0, 1] = 0.01, False
-    return replace(
-        uncertainty, centre=Parameters.of(np.ones((4, 3))), lower=Parameters.of(lower),
-        upper=Parameters.of(np.full((4, 3), 1.1)), inside=inside,
-    )  # fmt: skip
+    """All is narrow but the α of the first of two followers."""
+    lower = np.full((2, 3), 0.9)
+    lower[0, 0] = 0.01
+    upper = Parameters.of(np.full((2, 3), 1.1))
+    return replace(recommended().uncertainty, lower=Parameters.of(lower), upper=upper)
 
 
-def checked(
-    uncertainty: Uncertainty, outcome: Outcome = Outcome.CONVERGED, hits: Any = ()
-) -> tuple[Check, ...]:
-    fit = SimpleNamespace(outcome=outcome)
-    evaluation = SimpleNamespace(
-        findings=(), out_of_window_findings=hits, whiteness=SimpleNamespace(findings=())
-    )
-    parts: Any = {"fit": fit, "uncertainty": uncertainty, "evaluation": evaluation, "info": INFO}
-    return checks(SimpleNamespace(**parts))
+def checked(result: Result) -> dict[str, Check]:
+    return {check.title: check for check in checks(result)}
 
 
 def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
-    answers = checked(known, hits=(SimulatedCollision(4, 12.0, -1.0),))
-    assert [check.passed for check in answers] == [True, False, False, False, None]
-    assert answers[2].why == (f"{INFO.label(2)}: α.",)
-    assert INFO.label(4) in answers[3].why[0]
-    assert answers[3].why[0].startswith("Outside the window")
-    assert answers[0].why == (Outcome.CONVERGED.value,)
+    result = recommended()
+    _, first, second = result.info.vehicles
+    evaluation = result.evaluation
+    hit = replace(evaluation, out_of_window_findings=(SimulatedCollision(second, 12.0, -1.0),))
+    amplifies = GainCheck(first, 9, rms=3.0, contradiction="amplifies")
+    parts = {"uncertainty": known, "evaluation": hit, "gain_checks": (amplifies,)}
+    answers = checked(knowing(result, **parts))
+    labels = [result.info.label(number) for number in (first, second)]
+    assert answers["Identified"].why == (f"{labels[0]}: α.",)
+    collision = answers["Simulated without collision"]
+    assert labels[1] in collision.why[0]
+    assert collision.why[0].startswith("Outside the window")
+    assert labels[0] in answers["Measured gain agrees"].why[0]
+    assert answers["Converged"].why == (Outcome.CONVERGED.value,)
+    failed = [title for title, check in answers.items() if check.passed is False]
+    assert failed == ["Identified", "Simulated without collision", "Measured gain agrees"]
+    few = checked(knowing(result, gain_checks=(GainCheck(first, 2),)))
+    assert few["Measured gain agrees"].passed is None
+
+
+def test_a_drive_that_is_not_reproduced_fails(known: Uncertainty) -> None:
+    missed, said = missing_the_drive(trained())
+    check = checked(missed)["Drive reproduced"]
+    assert check.passed is False
+    assert said in check.why[0]
+    assert checked(trained())["Drive reproduced"].passed is True
+
+
+def test_a_point_has_no_checks_of_intervals() -> None:
+    assert [*checked(trained())] == ["Converged", "Simulated without collision", "Drive reproduced"]
 
 
 def test_what_did_not_converge_or_is_not_determined(known: Uncertainty) -> None:
     for outcome in (Outcome.STOPPED, Outcome.DIVERGED, Outcome.FINISHED):
-        assert checked(known, outcome)[0].passed is False
-    centre = known.centre.values.copy()
-    centre[1] = np.nan
-    unknown = replace(known, centre=Parameters.of(centre), inside=np.ones((4, 3), bool))
-    inside, identified = checked(unknown)[1:3]
-    assert inside.passed is None
-    assert identified.why == (f"{INFO.label(2)}: α.", f"{INFO.label(3)}: α, β and τ.")
+        assert checked(altered(trained(), outcome=outcome))["Converged"].passed is False
+    lower = known.lower.values.copy()
+    lower[1] = np.nan
+    result = knowing(recommended(), uncertainty=replace(known, lower=Parameters.of(lower)))
+    _, first, second = map(result.info.label, result.info.vehicles)
+    assert checked(result)["Identified"].why == (f"{first}: α.", f"{second}: α, β and τ.")

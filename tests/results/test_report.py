@@ -13,15 +13,32 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accpinn import load, render_report
-from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.results.report import bundle, fit_pictures, motion_picture, platoon_pictures, tables_of
-from accpinn.results.tables.estimates import name_of
+from accpinn import Parameters, load, render_report
+from accpinn.results.figures.training import SIMULATION, driven
+from accpinn.results.report import (
+    bundle,
+    curve_pictures,
+    motion_picture,
+    platoon_pictures,
+    tables_of,
+)
 from accpinn.results.tables.stability import GAIN
 from accpinn.results.vehicles import known_vehicles
-from accpinn.study.verification import QUICK, Verification, verify
+from accpinn.study.verification import PROMPT, Verification, verify
 from tests.support.html import Reader
-from tests.support.snapshots import altered, delayed, small, whole
+from tests.support.snapshots import (
+    altered,
+    delayed,
+    recommended,
+    result_for,
+    small,
+    trained,
+    two_windows,
+    whole,
+)
+
+pytestmark = pytest.mark.usefixtures("cthp_alone")
+UNCHECKED = Verification(())
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 
@@ -40,15 +57,54 @@ def reader(page: str) -> Reader:
     return Reader(page)
 
 
+def text_of(page: str) -> str:
+    return " ".join(text for _, text in Reader(page).texts)
+
+
 def test_the_page_has_its_sections_whatever_is_known(reader: Reader) -> None:
-    bare = Reader(render_report(replace(small(), segments=(), compared=())))
+    bare = Reader(render_report(small(), UNCHECKED))
     assert {*reader.within("h2")} - {*bare.within("h2")} == {"Methods compared"}
     assert len(bare.within("h2")) == 7
 
 
+def test_a_point_has_no_interval_and_says_so_where_a_posterior_has_them() -> None:
+    point, known = (text_of(render_report(r, UNCHECKED)) for r in (trained(), recommended()))
+    assert "the paper's estimate: a point" in point
+    assert "% interval" not in point
+    assert "Probability" not in point
+    for part in ("(90 % interval)", "Further window", "Probability", "a point"):
+        assert (part in known) == (part != "a point")
+    assert recommended().posterior.method in known
+
+
+def test_every_table_is_one_of_the_one_estimate() -> None:
+    assert [*tables_of(trained())][:2] == ["parameters", "errors"]
+    assert {"windows_1", "parameters", "errors", "stability"} <= {*tables_of(two_windows())}
+    point = result_for(recommended().segments[0])
+    beside = tables_of(replace(point, compared=(recommended(), point)))["methods_1"]
+    assert [row[0] for row in beside.rows] == ["PiNN (calibrated preset)", "Least squares"]
+
+
+def test_without_curves_no_series_is_in_the_page() -> None:
+    """Whoever must not share a recording can share this page."""
+    page = render_report(recommended(), UNCHECKED, with_curves=False)
+    drawn = drawings(page)
+    names = [drawing["name"] for drawing in drawn]
+    assert not [name for name in names if name == "motion" or name.startswith("curves")]
+    assert {"bode", "loss"} <= {*names}
+    traces = {str(trace.get("name")) for drawing in drawn for trace in drawing["data"]}
+    assert not {"data", "network", SIMULATION, "disturbance"} & traces
+    measured = recommended().segments[0].measured.gaps[:, 0].astype(np.float32)
+    hidden = base64.b64encode(measured[:300].tobytes()).decode()[:40]
+    assert hidden not in page
+    places = [int(a["data-place"]) for a in Reader(page).having("data-place")]
+    assert places == list(range(len(drawn)))
+
+
 def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp() -> None:
-    changed = altered(small(), adequacy=delayed())
-    text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
+    changed = replace(small(), compared=(small(),))
+    changed.__dict__["adequacy"] = delayed()
+    text = text_of(render_report(changed, UNCHECKED))
     assert "(0.72–1.08)" in text, "of the delay"
     assert changed.adequacy.better[0].sentence(changed.info) in text
 
@@ -73,7 +129,7 @@ def test_every_drawing_has_a_place_and_few_digits(page: str, reader: Reader) -> 
     drawn = drawings(page)
     places = [int(attributes["data-place"]) for attributes in reader.having("data-place")]
     assert places == list(range(len(drawn)))
-    assert [drawing["name"] for drawing in drawn][:3] == ["fit_1", "bode", "motion"]
+    assert [drawing["name"] for drawing in drawn][:3] == ["curves_1", "bode", "motion"]
     traces = [trace for drawing in drawn for trace in drawing["data"]]
     packed = [trace[axis] for trace in traces for axis in "xy" if isinstance(trace.get(axis), dict)]
     assert "f4" in {numbers["dtype"] for numbers in packed}
@@ -82,44 +138,37 @@ def test_every_drawing_has_a_place_and_few_digits(page: str, reader: Reader) -> 
 def test_tables_hold_the_snapshots_numbers_and_are_offered_as_files(reader: Reader) -> None:
     cells = tuple(reader.within("td"))
     shown = [
-        number
-        for one in whole().fit.parameters
-        for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}")
+        number for one in whole().parameters for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}")
     ]
     table = tables_of(whole())["stability"]
     at = table.columns.index(GAIN)
     gains = [row[at] for row in table.rows]
-    assert [gain.value for gain in gains] == [
-        v.linf_gain for v in known_vehicles(whole()).report.vehicles
-    ]
-    shown += [GAIN.shown(gain).split()[0] for gain in gains]
+    assert gains == [v.linf_gain for v in known_vehicles(whole()).report.vehicles]
+    shown += map(GAIN.shown, gains)
     assert not [number for number in shown if not any(cell.startswith(number) for cell in cells)]
     files = {a["download"]: a["href"] for a in reader.having("download")}
     assert {"parameters.csv", "parameters.tex", "stability.csv", "methods_1.csv"} <= set(files)
     text = base64.b64decode(files["parameters.csv"].split("base64,")[1]).decode()
-    assert str(whole().fit.parameters.alpha[0]) in text
+    assert str(whole().parameters.alpha[0]) in text
 
 
 def test_what_was_checked_stands_beside_what_was_found(reader: Reader) -> None:
-    checks = verify(whole(), refit_within=QUICK).checks
+    checks = verify(whole(), refit_within=PROMPT).checks
     assert checks
     assert {part for c in checks for part in (c.title, c.sentence)} <= set(reader.within("td"))
-    quality = whole().quality
-    forged = replace(quality, mean_time_gap=(9.0, *quality.mean_time_gap[1:]))
-    forged = Reader(render_report(altered(whole(), qualities=(forged,))))
+    forged = altered(whole(), parameters=Parameters.of(whole().parameters.values * 1.1))
+    forged = Reader(render_report(forged))
     assert "NO" in forged.within("td")
     for one, count in ((reader, 0), (forged, 1)):
         assert [attributes["class"] for attributes in one.having("class")].count("wrong") == count
 
 
-def test_pictures_show_the_data_or_else_the_methods_curves() -> None:
+def test_pictures_show_the_data_the_curves_and_the_simulation() -> None:
     made, segment = motion_picture(whole()), whole().segment
     speed = next(t for t in made.figure.data if t.yaxis == "y2")
     assert np.max(speed.y) == pytest.approx(segment.speeds[:, 0].max())
-    without = replace(whole(), segments=())
-    assert motion_picture(without).caption != made.caption
-    names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}
-    assert names == {name_of(whole().fit)}
+    names = {trace.name for picture in curve_pictures(whole()) for trace in picture.figure.data}
+    assert names == {"data", "network", SIMULATION}
 
 
 def test_the_platoon_is_that_of_the_study() -> None:
@@ -133,7 +182,7 @@ def test_the_platoon_is_that_of_the_study() -> None:
 def test_foreign_text_is_shown_as_it_is_and_cannot_end_the_drawings() -> None:
     info = replace(whole().info, names=(HOSTILE,) * 5, source=HOSTILE)
     noted = replace(whole(), name=HOSTILE, note=HOSTILE, facts={"campaign": HOSTILE})
-    page = render_report(altered(noted, info=info))
+    page = render_report(altered(noted, info=info), UNCHECKED)
     reader = Reader(page)
     for element in ("h1", "blockquote"):
         assert any(HOSTILE in text for text in reader.within(element))
@@ -155,13 +204,13 @@ def test_a_bundle_holds_report_snapshot_tables_history_and_motion() -> None:
 
     assert {"report.html", "tables/parameters.csv", "tables/stability.tex",
             "tables/methods_1.csv"} <= {*archive.namelist()}  # fmt: skip
-    fit, segment = load(archive.read("result.accpinn.zip")).fit, whole().segment
-    assert fit.parameters == whole().fit.parameters
-    driven, learned = closed_loop(segment, whole().fit), whole().fit.history.parameters
+    assert load(archive.read("result.accpinn.zip")).parameters == whole().parameters
+    segment, learned = whole().segment, whole().history.parameters
     for name, column, expected in (
         ("motion_measured", "gap_2_m", segment.gaps[:, 0]),
         ("motion_measured", "speed_1_m_per_s", segment.speeds[:, 0]),
-        ("motion_closed_loop", "gap_3_m", driven.gaps[:, 1]),
+        ("motion_simulation", "gap_3_m", driven(whole(), 1).gaps[:, 0]),
+        ("motion_pinn", "gap_3_m", whole().curves[0].gaps[:, 1]),
         ("training", "tau_2_s", learned.tau[:, 0]),
         ("training", "alpha_2_per_s2", learned.alpha[:, 0]),
     ):

@@ -3,15 +3,32 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from accpinn.model.published import VICOLUNGO
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.recordings.openacc import read
-from accpinn.results.reproduction import ITEMS, PrintedVerdicts, reproduction_table
+from accpinn.results.reproduction import (
+    DEVIATION,
+    ITEMS,
+    TICK,
+    TOLERANCE,
+    PrintedVerdicts,
+    agrees,
+    deviations,
+    inconsistencies,
+    journey,
+    learned_line,
+    learned_of,
+    reproduction_table,
+)
 from accpinn.segment.cut import cut
+from accpinn.study.run import run
 from tests.support.samples import FOLDER
 
 PRINTED = [one for item in ITEMS for one in item.verdicts]
+(TABLE_III,) = (item.verdicts[0] for item in ITEMS if item.title == "Table III")
 
 
 def test_all_printed_verdicts_follow_from_the_papers_own_criteria() -> None:
@@ -28,17 +45,67 @@ def test_a_verdict_that_does_not_follow_is_counted() -> None:
 
 def test_peaks_stand_beside_the_printed_verdicts() -> None:
     """Peaks of Table III's parameters, by an independent computation."""
-    (item,) = (item for item in ITEMS if item.title == "Table III")
-    peaks = [row[-2:] for row in reproduction_table(item.verdicts[0]).rows]
+    peaks = [row[-2:] for row in reproduction_table(TABLE_III).rows]
     assert [peak[0] for peak in peaks] == pytest.approx([3.56, 2.99, 1.80, 0.34], abs=0.006)
     assert peaks[0][1] == pytest.approx(0.214, abs=0.001)
+
+
+def test_a_tick_stands_only_where_every_parameter_agrees() -> None:
+    factors = np.ones((4, 3))
+    factors[1], factors[3, 1] = 1 + 0.99 * TOLERANCE, 1 - 1.01 * TOLERANCE
+    learned = Parameters.of(ASTAZERO.parameters.values * factors)
+    table = reproduction_table(TABLE_III, learned)
+    assert [row[-1] for row in table.rows] == [TICK, TICK, TICK, None]
+    groups = [column.group for column in table.columns]
+    off = [row[groups.index(DEVIATION) :][:3] for row in table.rows]
+    np.testing.assert_allclose(off, 100 * (factors - 1), atol=1e-9)
+    assert f"{100 * TOLERANCE:.0f} %" in table.caption
+    assert not agrees(TABLE_III, learned)
+    said = learned_line(TABLE_III, learned)
+    assert not said.startswith(TICK)
+    assert "α 15 %, β 15 % and τ 15 %" in said
+    assert learned_line(TABLE_III, ASTAZERO.parameters).startswith(TICK)
+    one = deviations(TABLE_III, ASTAZERO.parameters[:1])
+    assert one.shape == (4, 3), "one set may stand for all rows"
+
+
+def test_the_papers_contradictions_are_computed_from_its_own_table() -> None:
+    """Independently: |H|² = (β²ω² + α²) / ((α - ω²)² + (ατ + β)²ω²)."""
+    omega = np.linspace(0.01, 1.0, 100_000)
+
+    def decibels(vehicle: Parameters, at: object) -> np.ndarray:
+        alpha, beta, tau = vehicle.values
+        square = np.asarray(at) ** 2
+        below = (alpha - square) ** 2 + (alpha * tau + beta) ** 2 * square
+        return np.asarray(10 * np.log10((beta**2 * square + alpha**2) / below))
+
+    text, caption = inconsistencies()
+    audi, tesla = ASTAZERO.parameters[0], ASTAZERO.parameters[3]
+    gain = decibels(audi, omega)
+    assert "1.2 dB at 0.25 rad/s" in text
+    assert f"{gain.max():.2f} dB at {omega[gain.argmax()]:.3f} rad/s for AstaZero" in text
+    assert f"{decibels(tesla, 0.25):.2f} dB" in caption
+    assert ("3.56 dB at 0.214 rad/s" in text, "-0.46 dB" in caption) == (True, True)
 
 
 def test_runs_and_samples_exist(openacc_dir: Path) -> None:
     for item in ITEMS:
         assert not item.sample or (FOLDER / f"{item.sample}.csv").exists()
-        if run := item.run:
-            assert run.file in str(run)
-            recording = read(openacc_dir / run.campaign / run.file)
-            segment = cut(recording, run.window.start, run.window.duration, run.vehicles)
-            assert segment.window == run.window
+        if asked := item.run:
+            assert asked.file in str(asked)
+            recording = read(openacc_dir / asked.campaign / asked.file)
+            for window in asked.windows:
+                segment = cut(recording, window.start, window.duration, asked.vehicles)
+                assert segment.window == window
+
+
+@pytest.mark.parametrize("title", ["Table I", "Table II", "Table III"])
+def test_the_preset_fast_learns_what_the_paper_prints(title: str, openacc_dir: Path) -> None:
+    (item,) = (item for item in ITEMS if item.title == title)
+    asked = journey(title)
+    recording = read(openacc_dir / asked.campaign / asked.file)
+    assert asked.is_of(recording)
+    result = run(asked.analysis(recording), recording)
+    learned = learned_of(item.verdicts[0], result)
+    assert agrees(item.verdicts[0], learned)
+    assert {row[-1] for row in reproduction_table(item.verdicts[0], learned).rows} == {TICK}

@@ -12,9 +12,8 @@ import numpy as np
 from streamlit.testing.v1 import AppTest
 
 from accpinn import Case, Result, Table
-from accpinn.methods import least_squares
-from accpinn.recordings import Window, files
-from accpinn.study.result import result_of
+from accpinn.recordings import Window, facts_of, files
+from accpinn.study.run import run
 from accpinn.tasks import Task
 from pages.ui.session import sessions
 from pages.ui.session.resources import store
@@ -184,32 +183,36 @@ def with_example() -> Workspace:
 
 
 def fitted(window: Window = MINUTE, **changes: Any) -> Workspace:
-    """A session whose training is done; see `answer`."""
+    """A session whose training is done; see `train_at_once`."""
     session = with_sample()
     session.choose(window=window, vehicles=(2, 3, 4, 5))
-    answer(session, **changes)
+    train_at_once(session, **changes)
     return session
 
 
-def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
-    """Give a session a finished training of its window; least squares stand in for a network.
+_known = dict[str, Result]()
+"""By the keys of their analyses."""
+
+
+def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Result:
+    """Give a session the finished training that it asks for.
 
     Args:
         session: with a window.
         case: "I" or "II".
-        changes: of the fit.
+        changes: of the estimate.
     """
-    assert session.segment
     session.asked = replace(session.asked, case=case)
-    asked = session.analysis(session.config)
+    asked = session.analysis()
     assert asked
-    fit = replace(least_squares.fit(session.segment, case), **changes)
-    asked = asked.with_method("least-squares")
-    result = result_of(asked, (session.segment,), (fit,), session.recording)
+    if asked.key not in _known:
+        _known[asked.key] = run(asked, session.recording, segments=session.segments)
+    result = _known[asked.key].on(session.segments, session.recording)
+    estimate, facts = replace(result.estimate, **changes), facts_of(session.recording)
+    result = replace(result, estimate=estimate, facts=facts)
     task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
     task.answer(result)
     session.restored, session.training = None, task
     if result.is_finished:
-        _ = result.qualities, result.uncertainty, result.evaluation
         store().record_shown(session.id, result)
     return result

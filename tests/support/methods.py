@@ -1,5 +1,6 @@
 """Methods as tests call them."""
 
+from collections.abc import Callable
 from typing import Any
 
 from accpinn.methods import TaskContext
@@ -25,3 +26,9 @@ def train(
 ) -> Estimate:
     """The network's estimate; ``context`` as in `TaskContext`."""
     return METHODS["pinn"].fit(segment, case, config, TaskContext(**context), spec)
+
+
+def after(count: int) -> Callable[[], bool]:
+    """A user who presses Stop when asked for the ``count``-th time after the first."""
+    asked = iter(range(count))
+    return lambda: next(asked, None) is None

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn import Analysis, Fit, Parameters, PinnConfig, Recording, Result, Store
+from accpinn import Analysis, Estimate, Parameters, PinnConfig, Recording, Result, Store
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import History, Outcome, Progress
 from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.model.cthp import Trajectories
 from accpinn.study import single_window
 from accpinn.study.result import result_of
 from accpinn.tasks import Status, Task, TaskQueue, training_task
@@ -34,18 +35,24 @@ def run() -> Recording:
 
 
 def asked(config: PinnConfig = FAST) -> Analysis:
-    return Analysis.of(run(), single_window(0.0, 20.0), settings=config)
+    return Analysis.of(run(), single_window(0.0, 20.0), method="pinn", settings=config)
 
 
-def moment(iteration: int, seconds: float, iterations: int = 100) -> Progress:
+def moment(iteration: int, seconds: float, phase: str = "Adam", **others: Any) -> Progress:
     parameters = Parameters.of([[0.1, 0.2, 1.0 + iteration]])
-    return Progress("Adam", iteration, iterations, seconds, 2.0, 1.5, 0.5, 0.0, parameters)
+    return Progress(phase, iteration, 100, seconds, 2.0, 1.5, 0.5, 0.0, parameters, **others)
+
+
+def point(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Estimate:
+    analysis = asked()
+    data, spec = analysis.segments(run()), analysis.spec
+    parameters = Parameters([0.1], [0.2], [1.0])
+    return Estimate.of("pinn", data, "II", spec, parameters, outcome=outcome, **changes)
 
 
 def result(outcome: Outcome = Outcome.FINISHED, **changes: Any) -> Result:
     analysis = asked()
-    fit = Fit("pinn", "II", Parameters([0.1], [0.2], [1.0]), None, outcome, 1.0, analysis.settings)
-    return result_of(analysis, analysis.segments(run()), (replace(fit, **changes),))
+    return result_of(analysis, analysis.segments(run()), point(outcome, **changes))
 
 
 def seed(number: int) -> PinnConfig:
@@ -76,6 +83,8 @@ class Puppet:
                     return
                 if isinstance(item, Progress):
                     context.on_progress(item)
+                elif isinstance(item, Estimate):
+                    context.on_estimate(item)
                 else:
                     yield item
                 taken.set()
@@ -137,6 +146,28 @@ def test_progress_rate_time_left_and_history(puppet: Puppet) -> None:
     own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, tables)
     puppet.give(result(history=own))
     assert finished(task).history() is own, "the result's takes the place of the live one"
+
+
+def test_the_point_comes_before_its_intervals_which_are_a_phase_of_their_own(
+    puppet: Puppet,
+) -> None:
+    task = puppet.train("ann")
+    puppet.step(moment(10, 1.0))
+    puppet.step(moment(30, 2.0))
+    curves = Trajectories(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 1)))
+    puppet.step(moment(40, 2.5, curves=curves))
+    assert (task.point, task.curves) == (None, curves)
+    known = point()
+    puppet.step(known)
+    assert task.point is known
+    puppet.step(moment(0, 3.0, "intervals"))
+    assert task.rate is None, "that of the former phase says nothing of this one"
+    puppet.step(moment(1, 4.0, "intervals", left=7.5))
+    assert task.time_left == 7.5, "the method knows it better than its rate"
+    assert task.curves is curves
+    np.testing.assert_array_equal(task.history().iteration, [10, 30, 40])
+    puppet.give(result())
+    assert finished(task).point is None, "the result has it"
 
 
 def test_one_at_a_time_and_the_others_wait(puppet: Puppet) -> None:
@@ -292,19 +323,19 @@ def test_a_result_is_shown_by_who_asked_and_known_to_the_next(
     puppet: Puppet, tmp_path: Path
 ) -> None:
     store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
-    (tmp_path / f"{analysis.fit_key}.accpinn.zip").write_bytes(b"damaged")
+    (tmp_path / f"{analysis.key}.accpinn.zip").write_bytes(b"damaged")
     queue = TaskQueue()
     task = finished(queue.submit(training_task("ann", analysis, run(), store)))
-    assert any(analysis.fit_key in str(note) for note in task.result.fit.findings)
-    assert [entry.id for entry in store.entries(session="ann")] == [analysis.fit_key]
+    assert any(analysis.key in str(note) for note in task.result.estimate.findings)
+    assert [entry.id for entry in store.entries(session="ann")] == [analysis.key]
     busy = queue.submit(puppet.task("cem"))
     puppet.starts()
     known = queue.submit(training_task("ben", analysis, run(), store))
     assert known.status is Status.DONE, "it does not wait for its turn"
-    assert known.result.fit.cached
+    assert known.result.estimate.cached
     assert known.result.id == "", "it is no snapshot"
     assert known.result.parameters == task.result.parameters
-    assert [entry.id for entry in store.entries(session="ben")] == [analysis.fit_key]
+    assert [entry.id for entry in store.entries(session="ben")] == [analysis.key]
     puppet.give(result())
     finished(busy)
     queue.close()

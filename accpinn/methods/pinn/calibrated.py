@@ -26,6 +26,7 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,
     Motion,
+    Training,
     has_earlier,
     loss_terms,
     stack_outputs,
@@ -46,17 +47,14 @@ ROUNDS_PER_MODEL = 25
 """Rounds that a search usually takes, for the time left."""
 
 
-class CalibratedTraining:
+class CalibratedTraining(Training):
     """See the module's head; one `advance` is a round of the search."""
-
-    has_checkpoints = False
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(self, segments: Segments, case: Case, config: PinnConfig, spec: ModelSpec) -> None:
         """Begin the search at the configuration's initial values."""
-        self.segments, self.case, self.config, self.spec = segments, case, config, spec
-        self.planned = config.iterations
-        self.outcome: Outcome | None = None
+        super().__init__(segments, case, config, spec)
+        self.outcome = None
         self._iteration = 0
         self._searches = 1 if spec.model == PAPER else 2
         self._rounds = rising(segments, case, spec, initial=config.initial)

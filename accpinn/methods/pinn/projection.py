@@ -28,6 +28,7 @@ from typing import Self
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.blas import dsyrk
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import output_columns
@@ -114,7 +115,7 @@ class Projection:
         )
         every = []
         for known, moving in zip(self._grams, weighted, strict=True):
-            cross = np.hsplit(self.skipped.T @ moving / count, 2)
+            cross = np.hsplit((moving.T @ self.skipped).T / count, 2)
             own = _products(moving.reshape(count, 2, -1), count)
             every.append(self._bordered(known, np.array(cross), own))
         dynamic = every[:1] * (self._measured.shape[1] // 2) if self._mask is None else every[1:]
@@ -167,7 +168,8 @@ class Projection:
     def past_hidden(self, weights: FloatArray) -> FloatArray:
         """(N, 1 + order, 2M+1) the skip connection's part, for the output layer (K, 2M+1)."""
         parts = self.network.derived(weights[: self.skipped.shape[1]], self._order)
-        return (self.skipped @ np.hstack(parts)).reshape(len(self.skipped), len(parts), -1)
+        outputs = np.hstack(parts).T @ self.skipped.T  # faster than the other way round
+        return outputs.T.reshape(len(self.skipped), len(parts), -1)
 
     def surrogate(self, hidden: FloatArray, weights: FloatArray) -> FloatArray:
         """(1 + order, N, 2M+1) outputs and their derivatives."""
@@ -218,7 +220,7 @@ def solve_chain(
     """(K, 2M+1, R) the solution of the chain of the module's head for R right-hand sides at once.
 
     The blocks (3K, 3K) are a follower's squared residuals, by its gap, its speed and the speed
-    ahead; of six of them those below the diagonal are read.
+    ahead; their lower triangles are read.
     """
     size, followers = len(sums.first), right.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
@@ -237,35 +239,29 @@ def solve_chain(
         goal[gap] = right[:, gap_columns[follower]]
         goal[speed] = right[:, speed_columns[follower + 1]] + given
         for _ in (gap, speed):
-            factor, half = _eliminated(system, goal, size)
-            coupled, rest = np.hsplit(half, [-right.shape[2]])
-            system = system[size:, size:] - coupled.T @ coupled
+            # As columns follow one another in memory, LAPACK takes the arrays as they are.
+            factor = cholesky(system[:size, :size].copy().T, overwrite_a=True, check_finite=False)
+            beside = np.concatenate([system[size:, :size], goal[:size].T]).T
+            half = solve_triangular(factor, beside, "T", overwrite_b=True, check_finite=False)
+            coupled, rest = half[:, : len(system) - size], half[:, len(system) - size :]
+            system = system[size:, size:].copy()
+            dsyrk(-1.0, coupled, 1.0, system.T, trans=True, overwrite_c=True)
             goal = goal[size:] - coupled.T @ rest
             eliminated.append((factor, half))
         behind, given = system, goal
 
     weights = np.empty_like(right)
-    leader = cholesky(s_speed * sums.value_value + behind, lower=True, check_finite=False)
-    weights[:, 0] = cho_solve((leader, True), right[:, 0] + given, check_finite=False)
+    leader = cholesky((s_speed * sums.value_value + behind).T, check_finite=False)
+    weights[:, 0] = cho_solve((leader, False), right[:, 0] + given, check_finite=False)
     for follower in range(followers):
         known = weights[:, speed_columns[follower]]
         for column in (speed_columns[follower + 1], gap_columns[follower]):
             factor, half = eliminated.pop()
             left = half[:, len(known) :] - half[:, : len(known)] @ known
-            solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
+            solved = solve_triangular(factor, left, check_finite=False)
             weights[:, column] = solved
             known = np.concatenate([solved, known])
     return weights
-
-
-def _eliminated(system: FloatArray, goal: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """L (K, K) of the first block B = L Lᵀ, and L⁻¹ of the blocks and the goals beside it."""
-    # As columns follow one another in memory, LAPACK takes the arrays as they are.
-    first = system[:size, :size].copy().T
-    beside = np.concatenate([system[size:, :size], goal[:size].T]).T
-    factor = cholesky(first, lower=True, overwrite_a=True, check_finite=False)
-    half = solve_triangular(factor, beside, lower=True, overwrite_b=True, check_finite=False)
-    return factor, half
 
 
 def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
@@ -283,9 +279,7 @@ def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
     size = grams.shape[2]
     blocks = np.zeros((3, size, 3, size))
     for row, column in zip(*np.tril_indices(3), strict=True):
-        block = blocks[row, :, column]
-        for a, b in np.argwhere(form[:, row, :, column]):
-            block += form[a, row, b, column] * grams[a, b]
+        blocks[row, :, column] = np.tensordot(form[:, row, :, column], grams)
     return blocks.reshape(3 * size, 3 * size)
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from accpinn.findings import all_of, capital, joined, percent, who
+from accpinn.findings import Finding, all_of, capital, joined, percent, who
 from accpinn.inference.gain_check import LEAST
 from accpinn.inference.identifiability import SYMBOLS, WIDE, wide_intervals
 from accpinn.inference.intervals import Uncertainty
@@ -246,8 +246,8 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info = snapshot.info
-    on_data = [finding for part in snapshot.infos for finding in part.findings]
-    on_data += [finding for quality in snapshot.qualities for finding in quality.findings]
+    on_data: list[Finding] = [found for part in snapshot.infos for found in part.findings]
+    on_data += [found for quality in snapshot.qualities for found in quality.findings]
     return {
         "data": tuple(dict.fromkeys(messages(on_data, info))),
         "parameters": messages(snapshot.weaknesses, info),

@@ -128,7 +128,7 @@ def render_report(
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
     info, estimate = snapshot.info, snapshot.estimate
-    subject, adequacy = known_vehicles(snapshot), snapshot.adequacy
+    subject, forms = known_vehicles(snapshot), snapshot.adequacy.forms if snapshot.compared else ()
     paints, numbers = vehicle_colours(info.vehicles), tables.parameter_rows(info, estimate.case)
     rows = vehicle_colours(info.vehicles, numbers)
     every = {
@@ -138,13 +138,13 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     if estimate.windows is not None and len(snapshot.infos) > 1:
         for k in range(len(numbers)):
             every[f"windows_{k + 1}"] = tables.windows_table(snapshot, k)
-    for k in range(info.followers if adequacy.forms else 0):
-        every[f"forms_{k + 1}"] = tables.model_form_table(info, adequacy.forms, k)
     if subject.has_report:
         every["stability"] = known_table(subject).coloured(paints[1:])
     recommended = words.recommended_of((snapshot, *snapshot.compared))
     for k in range(info.followers if snapshot.compared else 0):
         every[f"methods_{k + 1}"] = tables.methods_table(snapshot.compared, k, recommended)
+    for k in range(info.followers if forms else 0):
+        every[f"forms_{k + 1}"] = tables.model_form_table(info, forms, k)
     for judged in snapshot.judgements:
         every[f"models_{judged.info.vehicles[1]}"] = tables.judged_table(judged, judged.speeds[1])
     return every
@@ -163,7 +163,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         **dict(zip(names, parts, strict=True)),
         "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
-        "adequacy": snapshot.adequacy,
+        "adequacy": snapshot.adequacy if snapshot.compared else None,
         "words": words,
         "on_estimate": on_estimate,
         "on_platoon": on_platoon,

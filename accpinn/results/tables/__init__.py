@@ -37,7 +37,7 @@ class Range(NamedTuple):
 class Marked:
     """A cell with an asterisk, and the sentence that changes how it is read."""
 
-    cell: "str | Quantity"
+    cell: "str | float | Quantity"
     why: str
     mark: str = "*"
 
@@ -369,6 +369,8 @@ def _parts(cell: Cell) -> tuple[Cell, ...]:
     bare = cell.cell if isinstance(cell, Marked) else cell
     if isinstance(bare, Quantity):
         return bare.value, bare.lower, bare.upper
+    if isinstance(bare, float):
+        return (bare,)
     return tuple(cell) if isinstance(cell, Range) else (cell,)
 
 

@@ -180,26 +180,26 @@ def windows_table(result: Result, follower: int) -> Table:
     estimate, info, known = result.estimate, result.info, result.posterior
     windows, speed, level = estimate.windows, estimate.stated_speed, estimate.level
     assert windows is not None  # as the caller knows
-    gaps: Sequence[Cell] = time_gap(estimate.model, windows, speed)[:, follower].tolist()
-    if known:
-        gaps = interval_cells(gaps, *known.windows_gap[:, :, follower])
+    values = time_gap(estimate.model, windows, speed)[:, follower].tolist()
+    gaps = interval_cells(values, *known.windows_gap[:, :, follower]) if known else values
     group = f"Parameters ({100 * level:.0f} % interval)" if level else "Parameters"
     filled: list[Filled] = [
         (Column("Window"), [*(str(part.window) for part in result.infos), ALL_WINDOWS]),
         (gap_column(speed), [*gaps, gap_cell(estimate.time_gap(speed, follower))]),
     ]
     parts = (windows, known.windows_lower, known.windows_upper) if known else (windows,)
+    number = parameter_rows(info, estimate.case)[follower]
     for name, column in columns_of(estimate.model).items():
         of = (value_of(estimate.model, part, name)[:, follower].tolist() for part in parts)
-        rows = zip(*of, strict=True)
-        cells = [
+        cells: list[Cell] = [
             _marked_at_least(estimate.model, name, Quantity(*row)) if known else row[0]
-            for row in rows
+            for row in zip(*of, strict=True)
         ]
-        whole = _parameter_cell(estimate, name, follower)
-        filled.append((replace(column, group=group), [*cells, whole]))
-    shared = info.shares(estimate.case)
-    label = EVERY_FOLLOWER if shared else info.labels[follower + 1]
+        cells.append(_parameter_cell(estimate, name, follower))
+        if column.title in _undetermined(estimate, number):
+            cells = [UNDETERMINED] * len(cells)
+        filled.append((replace(column, group=group), cells))
+    (label,) = row_labels(info, (number,))
     return _with_legend(f"{label}: {estimate.spec.in_words}, each window alone, and all", filled)
 
 

@@ -159,9 +159,8 @@ def _show_checks(result: Result) -> None:
 def _show_errors(result: Result, follower: int) -> None:
     """Errors, what happens in simulation, and what the estimate should be read with."""
     info, estimate = result.info, result.estimate
-    numbers = tables.row_vehicles(info, estimate.case)
     table = tables.errors_table(result)
-    show.table(table, vehicle_colours(info.vehicles, numbers))
+    show.table(table, vehicle_colours(info.vehicles))
     took = (
         f"{estimate.seconds:.1f} s"
         if estimate.seconds < 60

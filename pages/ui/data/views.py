@@ -38,7 +38,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         st.caption("The window cannot be used yet.")
         return
     quality = assess_quality(segment)
-    estimate = least_squares.fit(segment, workspace.asked.case)
+    estimate = least_squares.fit((segment,), workspace.asked.case)
     st.markdown(f"**Preview of the window {segment.window}**")
     if workspace.recording is None:
         show.not_acc(segment)

@@ -21,7 +21,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -306,7 +306,9 @@ def result_of(name: str) -> Result:
     Raises:
         SnapshotError: for an unknown name, or a damaged file.
     """
-    return store().read(name) if store().has(name) else library().read(name)
+    if store().has(name):
+        return replace(store().read(name), digest="")  # it is no snapshot
+    return library().read(name)
 
 
 def _follow_link(workspace: Workspace) -> None:

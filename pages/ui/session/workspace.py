@@ -119,33 +119,23 @@ class Workspace:
         return known + (len(self.pending.content.raw) if self.pending else 0)
 
     @property
-    def config(self) -> PinnConfig:
-        """The preset with the user's changes.
-
-        Raises:
-            ConfigError: a setting outside its range, as one sentence.
-        """
-        preset = PRESETS[self.preset].to_json()
-        return PinnConfig.from_json(preset | self.settings.get(self.preset, {}))
-
-    @property
     def spec(self) -> ModelSpec:
         """The model that a training estimates."""
-        usual = METHODS["pinn"].usual_spec(PRESETS[self.preset])
-        return self.specs.get(self.preset, usual)
+        return self._spec_of(self.preset)
 
-    def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
-        """What a training would answer; None where no data are at hand.
+    def _spec_of(self, preset: PresetName) -> ModelSpec:
+        return self.specs.get(preset, METHODS["pinn"].usual_spec(PRESETS[preset]))
 
-        Settings of the PiNN replace those chosen.
+    def analysis(self, preset: PresetName | None = None) -> Analysis | None:
+        """What a training by a preset, by default the chosen one, would answer.
+
+        It is None where no data are at hand.
 
         Raises:
             ConfigError: a setting outside its range, as one sentence.
         """
-        method = "pinn"
-        if config is None and self.preset == "calibrated":
-            method = recommended_method(self.spec.model)
-        asked = replace(self.asked, spec=self.spec)
+        preset = preset or self.preset
+        asked = replace(self.asked, spec=self._spec_of(preset))
         if self.recording:
             asked = replace(asked, source=Source.of(self.recording), windows=self.windows)
         elif self.restored and self.segment:
@@ -153,7 +143,10 @@ class Workspace:
             asked = analysis_of(self.restored.segments, asked)
         else:
             return None
-        return asked.with_method(method, (config or self.config) if method == "pinn" else None)
+        if preset == "calibrated" and (method := recommended_method(asked.spec.model)) != "pinn":
+            return asked.with_method(method)
+        settings = PRESETS[preset].to_json() | self.settings.get(preset, {})
+        return asked.with_method("pinn", PinnConfig.from_json(settings))
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
@@ -399,15 +392,15 @@ class Workspace:
 
     def compare(self) -> None:
         """Queue all methods on the windows."""
-        asked = self.analysis(PRESETS["calibrated"])
+        asked = self.analysis("calibrated")
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self.segments)
             self.comparison = resources.task_queue().submit(task)
 
-    def train_starts(self, config: PinnConfig) -> None:
+    def train_starts(self, preset: PresetName) -> None:
         """Queue a training on the windows from each of five initial values."""
-        asked = self.analysis(config)
+        asked = self.analysis(preset)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
             self.starts = resources.task_queue().submit(task)

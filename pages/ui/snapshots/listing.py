@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 import streamlit as st
-from accpinn.results.messages.answer import time_gap_in_words
-from accpinn.results.tables.answer import gap_column
 
 from accpinn.errors import RecordingError
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
-from accpinn.results.figures.training import tracking
+from accpinn.results.figures.training import SIMULATION, driven, tracking
+from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.tables import ABSENT, Cell, Column, Table
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
     TITLES,
+    gap_column,
     name_of,
     parameter_cells,
 )
@@ -87,7 +87,7 @@ def title_of(saved: Entry | Result) -> str:
     if saved.name.strip():
         return saved.name.strip()
     if isinstance(saved, Result):
-        title, case = name_of(saved.fit), f", Case {saved.fit.case}"
+        title, case = name_of(saved.estimate), f", Case {saved.estimate.case}"
     else:
         title = TITLES.get(saved.method, saved.method)
         title += f" ({saved.preset} preset)" if saved.preset else ""
@@ -104,12 +104,11 @@ def _lines(entry: Entry) -> tuple[str, ...]:
     when_driven = entry.window if len(windows) == 1 else f"{len(windows)} windows"
     where = f"{entry.source}, {when_driven}, {first} to {last}"
     when = entry.created[:16].replace("T", " ")
-    data = ", with data" if entry.with_data else ""
-    return f"{where} · saved {when} UTC{data}", first_estimate(entry)
+    return f"{where} · saved {when} UTC", first_estimate(entry)
 
 
 def first_estimate(entry: Entry) -> str:
-    """The answer for the first follower, or the method's parameters where there is none yet.
+    """The first follower's time gap, or its parameters where there is none.
 
     Parameters have the digits that their intervals support.
     """
@@ -169,11 +168,10 @@ def other_vehicles(first: Result, second: Result) -> str:
 def differences_table(first: Result, second: Result) -> Table:
     """One row a follower and quantity: both values with intervals, and the second less the first.
 
-    The quantities are the answers' time gap, where both answers are known, and the methods' own
-    parameters. Followers are matched in driving order.
+    The quantities are the time gap and the parameters. Followers are matched in driving order.
     """
-    known, rows, colours = first.known_answer, [], []
-    speed = known.stated_speed if known and second.known_answer else None
+    rows, colours = [], []
+    speed = first.estimate.stated_speed
     labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
     longer = max(first.info, second.info, key=lambda info: info.followers)
     paints = vehicle_colours(longer.vehicles)[1:]
@@ -189,20 +187,19 @@ def differences_table(first: Result, second: Result) -> Table:
             rows.append((name, column.heading, *told))
             colours.append(paints[k])
     titles = ("Follower", "Quantity", "First", "Second", "Δ", "Δ in %")
-    methods = dict.fromkeys(name_of(side.fit).partition(" (")[0] for side in (first, second))
-    caption = f"The answers, and the estimates by {' / '.join(methods)}, with 90 % intervals"
+    methods = dict.fromkeys(name_of(side.estimate) for side in (first, second))
+    caption = f"Estimates by {' / '.join(methods)}"
     return Table(caption, tuple(map(Column, titles)), tuple(rows), tuple(colours))
 
 
-def _estimates(result: Result, follower: int, speed: MetresPerSecond | None) -> dict[Column, Cell]:
-    """The answer's time gap at a speed, and the method's parameters; nothing of no follower."""
+def _estimates(result: Result, follower: int, speed: MetresPerSecond) -> dict[Column, Cell]:
+    """The time gap at a speed, and the parameters; nothing of no follower."""
     if follower >= result.info.followers:
         return {}
-    cells = dict[Column, Cell]()
-    if speed:
-        column = gap_column(speed, "", "Answer: time gap at")
-        cells[column] = result.answer.time_gap(speed, follower)
-    own = parameter_cells(result.parameters, known=result.parts.uncertainty)
+    estimate = result.estimate
+    own = parameter_cells(result.parameters, "", estimate.model, result.uncertainty)
+    gap = estimate.time_gap(speed, follower)
+    cells: dict[Column, Cell] = {gap_column(speed): gap if result.posterior else gap.value}
     return cells | {column: [*estimates][follower] for column, estimates in own}
 
 
@@ -234,28 +231,29 @@ def _show_responses(first: Result, second: Result) -> None:
                 hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
             )  # fmt: skip
     whole = " Dashed: the first one's whole platoon." if first.info.followers > 1 else ""
-    known = first.known_answer and second.known_answer
-    whose = "of the answers" if known else "of the estimates"
-    st.caption(f"Bode magnitude {whose}. Full lines: the first; dotted: the second.{whole}")
+    st.caption(f"Bode magnitude. Full lines: the first; dotted: the second.{whole}")
     show.chart(chart, "snapshots_bode")
 
 
 def _show_curves(workspace: Workspace, first: Result, second: Result) -> None:
-    """Both closed-loop simulations over the data; nothing where the data of either are not here."""
+    """Both simulations over the data of the first window; nothing where the two have others."""
     shorter = min(first.info, second.info, key=lambda info: info.followers)
-    same = first.analysis.source.sha256 == second.analysis.source.sha256
-    if not (same and first.segment and first.simulated and second.simulated):
+    if first.info.digest != second.info.digest:
         return
     follower = pick(workspace, shorter.labels[1:], "beside_follower")
-    st.caption("Closed-loop simulation of both, behind the measured leader, and the data.")
-    chart = tracking(first.segment, follower, None, first.simulated, height=400)
-    added = tracking(second.info, follower, None, second.simulated, height=400)
-    chart.for_each_trace(
-        lambda trace: trace.update(name="first", line={"dash": "solid"}),
-        {"name": "closed-loop simulation"},
-    )
-    chart.add_traces(
-        [trace.update(name="second", line={"color": SECOND, "dash": "dot"}) for trace in added.data]
+    one, other = (driven(side, follower) for side in (first, second))
+    if not (one and other):
+        return
+    st.caption(f"Simulation of both behind the measured vehicle ahead, {first.info.window}.")
+    chart = tracking(first.segments[0], follower, simulation=one, height=400)
+    added = tracking(second.segments[0], follower, simulation=other, height=400)
+    name = {"name": SIMULATION}
+    chart.for_each_trace(lambda trace: trace.update(name="first", line={"dash": "solid"}), name)
+    added.for_each_trace(
+        lambda trace: chart.add_trace(
+            trace.update(name="second", line={"color": SECOND, "dash": "dot"})
+        ),
+        name,
     )
     show.chart(chart, "snapshots_curves")
 
@@ -265,7 +263,7 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
     asked = differences(first.analysis, second.analysis)
     further = (
         ("SHA-256", first.analysis.source.sha256[:16], second.analysis.source.sha256[:16]),
-        ("iterations done", f"{first.fit.iterations:,}", f"{second.fit.iterations:,}"),
+        ("iterations done", f"{first.estimate.iterations:,}", f"{second.estimate.iterations:,}"),
         ("accpinn", first.origin.accpinn, second.origin.accpinn),
     )
     return asked + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)
@@ -292,7 +290,7 @@ def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
         second = choose_entry(workspace, "Beside", f"{key}_second", others)
         both = (result_of(run).found_in(workspace.recording) for run in (first, second))
         show_both(workspace, *both)
-    st.caption("The last runs are kept, without the recordings.")
+    st.caption("The last runs are kept, with the data of their windows.")
 
 
 def restore_run(workspace: Workspace, name: str) -> None:

@@ -1,6 +1,5 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
-from dataclasses import replace
 from functools import lru_cache, partial
 
 import streamlit as st
@@ -14,7 +13,7 @@ from accpinn.results.reproduction import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX
 from accpinn.study.store import Entry
-from accpinn.study.verification import HOWEVER_LONG, QUICK, Verification, refit_seconds, verify
+from accpinn.study.verification import HOWEVER_LONG, PROMPT, Verification, refit_seconds, verify
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_result
@@ -29,11 +28,12 @@ UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 LONGEST: Seconds = 300.0
 """Methods that are expected to take longer are not run again while the page waits."""
-NOT_AGAIN = (
-    "Not verified yet: the method was not run again. The tab Verify computes anew what follows from"
-    " its estimate."
+CONTAINS = (
+    "The file contains the recorded speeds and gaps of its windows. To share less, send the"
+    " parameter card (Train, Export) or a report without curves."
 )
-"""What is said first of a snapshot whose data are at hand."""
+NO_CURVES = "snapshots_no_curves"
+"""The entry in Streamlit's session state that tells whether a report has curves."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -73,14 +73,11 @@ def _view(workspace: Workspace, name: str) -> None:
 def _save_form(workspace: Workspace) -> None:
     result = workspace.result
     st.subheader("Save the current result", anchor=False)
-    if result is None or result.fit.outcome is Outcome.DIVERGED:
+    if result is None or result.estimate.outcome is Outcome.DIVERGED:
         st.caption("There is no result to save yet: train on a window first.")
         frame.link(frame.TRAIN, "Go to Train", workspace)
         return
-    if not result.segments:
-        st.caption("The result shown is a snapshot already, and its data are not open.")
-        return
-    show.messages(unfinished(result.fit), "warning", "pause_circle")
+    show.messages(unfinished(result.estimate), "warning", "pause_circle")
     with st.form("snapshots_form", border=False):
         name, note = st.columns((1, 1.4))
         name.text_input(
@@ -92,13 +89,7 @@ def _save_form(workspace: Workspace) -> None:
             st.form_submit_button(
                 "Save", type="primary", icon=":material/save:", on_click=_save, args=(workspace,)
             )
-            st.checkbox(
-                "Include the data slice (speeds and gaps of the window)",
-                value=workspace.true_parameters is not None, key="snapshots_with_data",
-                help="With it, whoever opens the file sees the data and can train on. OpenACC data"
-                " may be passed on under CC BY 4.0; the file names its authors. Your own data: your"
-                " choice.",
-            )  # fmt: skip
+            st.caption(CONTAINS, width="stretch")
 
 
 def suggested_name(workspace: Workspace) -> str:
@@ -114,7 +105,6 @@ def _save(workspace: Workspace) -> None:
     snapshot = workspace.as_snapshot(
         name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
         note=st.session_state["snapshots_note"].strip(),
-        with_data=st.session_state["snapshots_with_data"],
     )
     workspace.viewed = library().add(snapshot, owner_mark(workspace.id))
     show.flash("success", f"Saved as “{snapshot.name}”.")
@@ -179,13 +169,13 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     recording = workspace.recording if is_open else None
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
-    where = frame.segment_line(info, snapshot.fit.case, snapshot.analysis.windows)
+    where = frame.segment_line(info, snapshot.estimate.case, snapshot.analysis.windows)
     st.caption(f"{where} · saved {escape_markdown(when)} UTC")
     if snapshot.note:
         st.text(snapshot.note)
     _show_buttons(workspace, snapshot, recording, title)
     show.not_acc(info)
-    show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
+    show.messages(unfinished(snapshot.estimate), "warning", "pause_circle")
     whole = snapshot.found_in(recording)
     more = {
         "Verify": lambda: _show_verification(snapshot, recording),
@@ -216,17 +206,22 @@ def _show_buttons(
         with st.popover("Share", icon=":material/share:"):
             st.caption("A link to this page; it opens on any page of this server.")
             show.address(f"Snapshots?{SNAPSHOT}={snapshot.id}")
-        st.download_button(
-            "Report", lambda: render_report(snapshot, _verified(snapshot, recording)),
-            f"{stem}.html", "text/html",
-            on_click="ignore", icon=":material/description:",
-            help="One web page that needs nothing but a browser; it can be printed.",
-        )  # fmt: skip
+        with st.popover("Report", icon=":material/description:"):
+            st.checkbox(
+                "Without curves", key=NO_CURVES,
+                help="The report then has neither recorded speeds and gaps nor simulated ones.",
+            )  # fmt: skip
+            st.download_button(
+                "Download the report", lambda: _report(snapshot, recording), f"{stem}.html",
+                "text/html", on_click="ignore", key="snapshots_report",
+                help="One web page that needs nothing but a browser; it can be printed.",
+            )  # fmt: skip
         if library().has(snapshot.id):
             st.download_button(
                 "Download", lambda: library().raw(snapshot.id), f"{stem}{SUFFIX}",
                 "application/zip", on_click="ignore", icon=":material/download:",
-                help="The file itself: it can be sent, kept, and imported on any server.",
+                help="The file itself: it can be sent, kept, and imported on any server. "
+                + CONTAINS,
             )  # fmt: skip
 
 
@@ -242,33 +237,35 @@ def _again(snapshot: Result) -> str:
     return f"snapshots_again_{snapshot.id}"
 
 
+def _report(snapshot: Result, recording: Recording | None) -> str:
+    has_curves = not st.session_state.get(NO_CURVES)
+    verification = _verified(snapshot, recording)
+    return render_report(snapshot, verification, with_curves=has_curves)
+
+
 def _verified(snapshot: Result, recording: Recording | None) -> Verification:
-    """All of it computed anew, and the methods run again where the user asked for that."""
+    """The methods run again, all of them where the user asked for that, and compared."""
     again = st.session_state.get(_again(snapshot))
-    return _verify(snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
+    return _verify(snapshot, recording, refit_within=HOWEVER_LONG if again else PROMPT)
 
 
 def _show_standing(snapshot: Result, recording: Recording | None) -> None:
-    """Whether it agrees with what is computed now, and a button that runs its methods again."""
+    """Whether it agrees with what is computed now, or a button that runs its methods again."""
     again = _again(snapshot)
-    if is_again := bool(st.session_state.get(again)):
+    if st.session_state.get(again):
         with st.spinner("Running the methods again"):
             verification = _verified(snapshot, recording)
-    else:
-        verification = verify(snapshot, recording, refit_within=QUICK, parameters_only=True)
-    if not verification.ok:
-        show.messages(verification.sentence, "error")
+        if verification.ok:
+            st.caption(escape_markdown(verification.sentence))
+        else:
+            show.messages(verification.sentence, "error")
         return
-    own = Verification(tuple(check for check in verification.checks if not check.method))
-    whole = snapshot.found_in(recording)
-    said = NOT_AGAIN if whole.segments and not is_again else own.sentence
+    seconds = sum(map(refit_seconds, (snapshot, *snapshot.compared)))
     with st.container(horizontal=True, vertical_alignment="center", width="content"):
-        st.caption(escape_markdown(said), width="content")
-        rows = (replace(row, segments=whole.segments) for row in whole.compared)
-        seconds = sum(refit_seconds(row) for row in (whole, *rows))
-        if 0 < seconds <= LONGEST and not is_again:
+        st.caption("Not verified yet.", width="content")
+        if 0 < seconds <= LONGEST:
             st.button(
-                f"Verify by a refit, about {show.format_duration(seconds)}",
+                f"Verify by running it again, about {show.format_duration(seconds)}",
                 icon=":material/replay:", key="snapshots_again",
                 on_click=lambda: st.session_state.update({again: True}),
                 help="Runs every method of the snapshot anew on its data, with its settings.",
@@ -277,13 +274,9 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
 
 def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     """How many of the stored numbers agree with those computed now, and every part."""
-    with st.spinner("Computing all of it anew"):
+    with st.spinner("Running the method again"):
         verification = _verified(snapshot, recording)
     st.markdown(f"**{escape_markdown(verification.counted)}**")
-    if not st.session_state.get(_again(snapshot)):
-        st.caption(
-            "All that follows from what is stored was computed anew; no method was run again."
-        )
     if not verification.ok:
         show.messages(verification.sentence, "error")
     show.table(verification_table(verification))

@@ -3,44 +3,47 @@
 import csv
 import io
 from dataclasses import astuple, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.estimate import Outcome
+from accpinn.methods.estimate import Outcome, Undetermined
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.spec import ModelSpec
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
-from accpinn.recordings.openacc import read
 from accpinn.results.figures.platoon import amplitude_by_vehicle
 from accpinn.results.recording import quality_table
-from accpinn.results.tables import Table
+from accpinn.results.tables import FIXED, Marked, Range, Table
 from accpinn.results.tables.estimates import (
+    ALL_WINDOWS,
     EVERY_FOLLOWER,
-    PROBABILITY,
     TITLES,
-    comparison_table,
+    UNDETERMINED,
     earlier_table,
     earlier_title,
-    intervals_table,
+    errors_table,
     methods_table,
     name_of,
+    outside_interval,
     parameter_table,
+    windows_table,
 )
 from accpinn.results.tables.stability import (
     amplitude_table,
     criteria_part,
+    known_table,
     measured_gain_table,
     stability_table,
     verdict_table,
 )
-from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.segment.cut import cut
 from accpinn.stability import assessment, stability_report
 from accpinn.stability.measured_gain import measured_gain
@@ -50,113 +53,159 @@ from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.units import Quantity
 from tests.support.openacc_files import recording
-from tests.support.samples import FOLDER, PLATOON, sample
-from tests.support.snapshots import altered, result_for
+from tests.support.samples import PLATOON, sample
+from tests.support.snapshots import (
+    altered,
+    platoon,
+    recommended,
+    result_for,
+    trained,
+    two_windows,
+    whole,
+)
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
-GROUP, OWN, SIMULATED = (
-    "Quantity (90 % interval)", "Surrogate fit, MAE", "Closed-loop simulation, MAE"
-)  # fmt: skip
+OWN, SIMULATED = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
 L2, LINF = "L₂ string stability", "L∞ string stability"
+GAPS, VALUES = "Time gap", "Parameters"
+KNOWN = " (90 % interval)"
 SEGMENT = cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
 RESULT = result_for(SEGMENT, "splines")
-FIT, INFO, QUALITY = RESULT.fit, RESULT.info, RESULT.quality
-LEARNED = FIT.parameters
-SHARED = replace(FIT, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
+POINT, INFO, QUALITY = RESULT.estimate, RESULT.info, RESULT.quality
+LEARNED = POINT.parameters
 
 
 def column(table: Table, title: str, group: str = "") -> list[Any]:
-    """The cells of the one column of that title and group; an estimate as a tuple."""
+    """The cells of the one column of that title and group; a value with its interval as a tuple."""
     (k,) = (k for k, c in enumerate(table.columns) if (c.title, c.group) == (title, group))
     cells = [row[k] for row in table.rows]
     return [astuple(cell) if isinstance(cell, Quantity) else cell for cell in cells]
 
 
-@pytest.fixture(scope="module")
-def uncertainty() -> Uncertainty:
-    lower = Parameters.of([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
-    upper = Parameters.of([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
-    return replace(RESULT.uncertainty, lower=lower, upper=upper)
+@cache
+def nonlinear() -> Result:
+    """The IDM of one follower by simulation, with its posterior."""
+    asked = Analysis.of(platoon(), (Window(0.0, 60.0),), "1-2", model="idm")
+    return run(asked, platoon())
 
 
-def test_parameters_and_errors_of_both_kinds() -> None:
-    evaluation = RESULT.evaluation
+def test_a_point_has_values_without_intervals() -> None:
+    table = parameter_table(RESULT)
+    assert column(table, "Follower") == ["2 BMW", "3 Tesla"]
+    assert column(table, "α", VALUES) == LEARNED.alpha.tolist()
+    assert column(table, "at median speed", GAPS) == LEARNED.tau.tolist()
+    assert {c.group for c in table.columns} == {"", GAPS, VALUES}, "no further window"
+    assert not any(isinstance(cell, Quantity | Range) for row in table.rows for cell in row)
+    header, first, _ = csv.reader(io.StringIO(table.to_csv()))
+    assert header[4:] == ["alpha", "beta", "tau"]
+    assert first[4:] == [str(value) for value in LEARNED.values[0]]
+
+
+@pytest.mark.parametrize("made", [recommended, two_windows, nonlinear])
+def test_an_estimate_with_a_posterior_has_intervals_and_a_further_window(made: Any) -> None:
+    result = made()
+    estimate, table = result.estimate, parameter_table(result)
+    assert estimate.spec.in_words in table.caption
+    unknown = {s for f in estimate.findings if isinstance(f, Undetermined) for s in f.symbols}
+    for parameter in estimate.following.parameters:
+        cell = column(table, parameter.symbol, VALUES + KNOWN)[0]
+        span = estimate.span(parameter.name, 0)
+        if parameter.symbol in unknown:
+            assert cell == UNDETERMINED, "it is no value"
+        else:
+            cell = astuple(cell.cell) if isinstance(cell, Marked) else cell
+            assert cell == astuple(span)
+    at_median = column(table, "at median speed", GAPS + KNOWN)[0]
+    assert at_median == astuple(estimate.time_gap(float(estimate.speeds[0]), 0))
+    further = estimate.time_gap(estimate.stated_speed, 0)
+    assert table.rows[0][-1] == Range(further.further_lower, further.further_upper)
+    for text in (table.to_text(), table.to_csv(), table.to_latex(), table.to_html()):
+        assert "nan" not in text
+
+
+def test_a_speed_that_no_window_holds_is_marked_and_a_fixed_value_is_named() -> None:
+    cell = column(parameter_table(whole()), "at 50 km/h", GAPS)[0]
+    assert not whole().estimate.is_driven(50 / 3.6, 0)
+    assert isinstance(cell, Marked)
+    assert cell.cell == whole().estimate.time_gap(50 / 3.6, 0).value
+    fixed = Parameters.of([[0.1, 0.2, 1.0, 4.0]] * 2)
+    spec = ModelSpec("cthp-s0", (("s0", 4.0),))
+    table = parameter_table(altered(RESULT, parameters=fixed, spec=spec))
+    assert column(table, "s₀", VALUES) == [(4.0, 4.0, 4.0)] * 2
+    assert f"4.0 ({FIXED})" in table.to_text()
+
+
+def test_followers_that_share_their_parameters_have_one_row_for_them() -> None:
+    same = Parameters.stack([LEARNED[0]] * 2)
+    shared = altered(RESULT, case="I", parameters=same)
+    table = parameter_table(shared)
+    assert column(table, "Follower") == [EVERY_FOLLOWER]
+    assert column(table, "τ", VALUES) == [LEARNED.tau[0]]
+    assert column(errors_table(shared), "Vehicle") == ["1 Audi (A8)", "2 BMW", "3 Tesla"]
+
+
+def test_errors_of_both_kinds() -> None:
+    evaluation, table = RESULT.evaluation, errors_table(RESULT)
     own, simulated = evaluation.surrogate, evaluation.closed_loop
-    table = parameter_table(RESULT, with_intervals=False)
     assert column(table, "Vehicle") == ["1 Audi (A8)", "2 BMW", "3 Tesla"]
-    assert column(table, "α") == [None, *LEARNED.alpha]
     assert column(table, "Mean time gap") == [None, *QUALITY.mean_time_gap]
     assert column(table, "p", OWN) == [None, *own.gap_mae]
     assert column(table, "v", OWN) == [*own.speed_mae]
     assert column(table, "p", SIMULATED) == [None, *simulated.gap_mae]
     moved = [None, *simulated.speed_mae[1:]]
     assert column(table, "v", SIMULATED) == moved, "the leader's speed is given"
-    lost = replace(FIT, parameters=Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]]))
-    without = replace(evaluation, surrogate=None, closed_loop=None)
-    table = parameter_table(altered(RESULT, fit=lost, evaluation=without), with_intervals=False)
-    assert table.to_csv().splitlines()[2].startswith("2 BMW,0.0,0.2,,")
-    assert all(row[5:] == (None,) * 4 for row in table.rows), "empty, not zero"
+    lost = Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]])
+    table = errors_table(altered(RESULT, parameters=lost, curves=()))
+    assert all(row[2:] == (None,) * 4 for row in table.rows), "empty, not zero"
 
 
-def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None:
-    known = altered(RESULT, uncertainty=uncertainty)
-    table, (tau, other) = parameter_table(known), LEARNED.tau
-    assert column(table, "τ", GROUP) == [None, (tau, 1.2, np.inf), (other, 1.0, 1.3)]
-    head, leader, first, _ = (line.split(",") for line in table.to_csv().splitlines())
-    assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
-    assert (leader[1:4], first[1:4]) == (["", "", ""], [str(LEARNED.alpha[0]), "0.0", "0.02"])
-    assert len(set(head)) == len(head) == len(first)
-    alone = intervals_table(known)
-    likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
-    assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
-    shares = np.multiply(100, uncertainty.probability_l2)
-    np.testing.assert_allclose(column(alone, "L₂", PROBABILITY), shares)
-
-
-def test_followers_that_share_their_parameters_have_one_row_for_them(
-    uncertainty: Uncertainty,
-) -> None:
-    shared = altered(RESULT, fit=SHARED, uncertainty=uncertainty)
-    table = parameter_table(shared)
-    assert column(table, "Vehicle") == ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
-    assert [cell is None for cell in column(table, "τ", GROUP)] == [True, False, True, True]
-    assert column(table, "p", OWN) == [None, None, *RESULT.evaluation.surrogate.gap_mae]
-    assert len(intervals_table(shared).rows) == 1
-    termed = Parameters.of([[0.03, 0.2, 1.1, 4.0, 0.0, 0.3]] * 2)
-    beside = {"PiNN": (LEARNED, uncertainty), "Answer": (termed, uncertainty)}
-    table = comparison_table(shared, beside)
-    assert column(table, "Method") == ["PiNN", "Answer"]
-    assert [cell and cell[0] for cell in column(table, "s₀")] == [None, 4.0]
-    assert [cell[0] for cell in column(table, "β")] == [LEARNED.beta[0], 0.2]
+def test_each_window_alone_stands_above_all_of_them() -> None:
+    result = two_windows()
+    estimate, known = result.estimate, result.posterior
+    table = windows_table(result, 0)
+    assert column(table, "Window") == [*(str(i.window) for i in result.infos), ALL_WINDOWS]
+    alphas = column(table, "α", VALUES + KNOWN)
+    ends = (estimate.windows, known.windows_lower, known.windows_upper)
+    assert alphas[0] == tuple(part.alpha[0, 0] for part in ends)
+    assert alphas[-1] == astuple(estimate.span("alpha", 0))
+    point = replace(result, estimate=replace(estimate, posterior=None))
+    assert column(windows_table(point, 0), "α", VALUES) == [
+        *estimate.windows.alpha[:, 0], estimate.parameters.alpha[0],
+    ]  # fmt: skip
 
 
 def test_preview_of_the_window() -> None:
-    table = quality_table(INFO, QUALITY, FIT)
+    table = quality_table(INFO, QUALITY, POINT)
     shares = np.multiply(100, QUALITY.car_following)
     np.testing.assert_allclose(column(table, "Car-following"), shares)
     assert column(table, "α", "Least-squares estimate") == LEARNED.alpha.tolist()
     np.testing.assert_array_equal(column(table, "Condition number"), QUALITY.condition)
 
 
-def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
-    source = read(FOLDER / f"{PLATOON}.csv")
-    asked = Analysis.of(source, (Window(0.0, 60.0),), method="least-squares")
+def test_a_row_a_method_and_an_earlier_estimate_beside_the_present_one() -> None:
+    source = platoon()
+    asked = Analysis.of(source, (Window(0.0, 60.0),), "1-3", method="least-squares")
     outcomes = compare(asked, source, ("least-squares", "splines"))
     rows = [row for row in outcomes if isinstance(row, Result)]
     then, gaps = rows[0], "MAE of the space-gap"
-    table = methods_table(then.info, rows, 1)
+    table = methods_table(rows, 1)
     assert column(table, "Method") == ["Least squares", "Splines"]
     assert column(table, "β") == [row.parameters.beta[1] for row in rows]
     assert column(table, "Surrogate fit", gaps)[0] is None
     assert column(table, "Hold-out", gaps)[0] == then.evaluation.holdout.gap_mae[1]
 
-    table = methods_table(then.info, rows, 1, (Parameters(0.1, 0.2, 0.9, s0=5.0), 0.3))
-    assert column(table, "Method")[0] == "Answer"
-    assert (column(table, "s₀"), column(table, "Closed loop", gaps)[0]) == ([5.0, None, None], 0.3)
+    first = recommended()
+    table = methods_table((*rows, first), 1, first)
+    assert column(table, "Method")[1:] == ["Least squares", "Splines"], "it is there once, on top"
+    assert column(table, "β")[0] == astuple(first.estimate.gain("beta", 1))[:3]
+    assert column(table, "β")[1:] == [row.parameters.beta[1] for row in rows]
+    away = [outside_interval(first.estimate, row.estimate, 1) for row in rows]
+    inside = column(table, "Inside the interval")
+    assert [said == "yes" for said in inside] == [False, *(not symbols for symbols in away)]
 
     now = run(replace(asked, case="I"), source)
     table = earlier_table([then], {"least-squares": now}, vehicle=3)
-    assert column(table, "Earlier fit") == [earlier_title(then)]
+    assert column(table, "Earlier estimate") == [earlier_title(then)]
     assert column(table, "α") == [then.parameters.alpha[1]]
     change = now.parameters[1].values - then.parameters[1].values
     np.testing.assert_allclose(table.rows[0][5:8], change)
@@ -166,12 +215,24 @@ def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
     assert len(earlier_table([then], {}, vehicle=3).columns) == 5, "nothing to compare with"
 
 
+def test_a_point_outside_an_interval_is_named_by_its_symbols() -> None:
+    first = recommended().estimate
+    assert outside_interval(first, first, 0) == ()
+    off = Parameters.of(first.parameters.complete * [100.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    assert outside_interval(first, replace(first, parameters=off), 0) == ("α",)
+    nothing = replace(first, posterior=None)
+    assert outside_interval(nothing, replace(first, parameters=off), 0) == ()
+
+
 def test_a_method_is_called_by_what_it_was_trained_with() -> None:
     assert set(TITLES) == set(METHODS)
-    fast, retired = replace(FIT, method="pinn", config=FAST.to_json()), replace(FIT, method="gone")
-    seeded = replace(fast, config=fast.config | {"seed": 3})
-    stopped = replace(fast, config=PAPER.to_json(), outcome=Outcome.STOPPED)
-    assert [name_of(fit) for fit in (fast, seeded, stopped, FIT, retired)] == [
+    fast, retired = (
+        replace(POINT, method="pinn", settings=FAST.to_json()),
+        replace(POINT, method="gone"),
+    )
+    seeded = replace(fast, settings=fast.settings | {"seed": 3})
+    stopped = replace(fast, settings=PAPER.to_json(), outcome=Outcome.STOPPED)
+    assert [name_of(one) for one in (fast, seeded, stopped, POINT, retired)] == [
         "PiNN (fast preset)", "PiNN (fast preset, own options)", "PiNN (paper preset, stopped)",
         "Splines", "gone",
     ]  # fmt: skip
@@ -207,24 +268,27 @@ def test_what_has_no_meaning_is_empty() -> None:
     assert stuck["l2_string_stability_criterion"] == "stable (marginal)"
 
 
-def test_verdicts_have_intervals_and_probabilities() -> None:
-    found = result_for(sample(PLATOON, 60.0).segment, "splines")
-    learned, known = (
-        ParameterSet("Learned", found.info.names[1:], found.parameters),
-        found.uncertainty,
-    )
+def test_verdicts_have_intervals_and_probabilities_with_a_posterior_alone() -> None:
+    subject = known_vehicles(recommended())
+    known = subject.uncertainty
     peak, gain, stable = known.peak_gain, known.linf_gain, known.probability_l2
-    table = stability_table(learned, stability_report(learned.parameters), known)
-    verdicts = verdict_table(KnownVehicles(learned, known))
+    table, verdicts = known_table(subject), verdict_table(subject)
     assert column(table, "Amplified below", L2)[0][1:] == (
         known.crossover.lower[0], known.crossover.upper[0],
     )  # fmt: skip
     assert column(table, "Probability", LINF)[0] == pytest.approx(100 * known.probability_linf[0])
     assert column(verdicts, "Probability", L2) == pytest.approx(100 * stable)
-    assert column(verdicts, "Verdict", L2) == [assessment(share) for share in stable]
+    words = [cell.cell if isinstance(cell, Marked) else cell
+             for cell in column(verdicts, "Verdict", L2)]  # fmt: skip
+    assert words == [assessment(share) for share in stable]
     decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
     assert column(verdicts, "Peak", L2)[0][1:] == tuple(decibels)
     assert column(verdicts, "‖h‖₁", LINF)[0][1:] == (gain.lower[0], gain.upper[0])
+    point = known_vehicles(trained())
+    titles = {c.title for c in known_table(point).columns}
+    assert not {"Probability", "Verdict"} & titles
+    peaks = [vehicle.peak.db for vehicle in point.report.vehicles]
+    assert column(verdict_table(point), "Peak", L2) == peaks
 
 
 def test_the_measured_gain_as_a_table() -> None:

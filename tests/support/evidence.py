@@ -1,5 +1,8 @@
 """The evidence of a surrogate that is linear in its weights, for the parameters of one follower.
 
+A reference for the likelihood by which the preset `calibrated` learns (`joint_likelihood`): another
+computation of the same in a basis of splines, without a filter.
+
 For fixed features Φ(t) and fixed unknowns z (parameters, disturbance, noise; see `state_space`) the
 surrogate (p, v, u) = Φ W is Gaussian in its output layer W, w = vec W. The physics is its prior:
 
@@ -43,8 +46,6 @@ from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Criterion, Groups, natural
-from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms, weighted_terms
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import (
     COMMON,
@@ -160,8 +161,8 @@ class Basis(SplineBasis):
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
         self.integrals = self.grams([csr_array(weight @ matrix) for matrix in at], at)
         """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to the order."""
-        self.at_samples = self.derivatives(step * np.arange(samples, dtype=np.float64), 2)
-        """(N, K) each: values, first and second derivatives."""
+        (self.at_samples,) = self.derivatives(step * np.arange(samples, dtype=np.float64), 0)
+        """(N, K) values."""
         # Only the first functions differ from zero at the first instant, up to that derivative.
         start = self.derivatives(np.zeros(1), order - 1)
         self.first = np.stack([matrix.toarray()[0, :order] for matrix in start])
@@ -245,45 +246,27 @@ def _rate(form: FloatArray, times: int = 1) -> FloatArray:
     return moved
 
 
-Factors = tuple[FloatArray, float]
-"""What of the evidence at given unknowns does not depend on the measured values: the factor of
-Λ + A in lower banded form, and ½ log|Λ| - ½ log|Λ + A|."""
-
-
 class Design:
-    """The features at the samples of p, v, u that are there; windows of one length share it."""
+    """The features at the samples of p, v, u that are there."""
 
     def __init__(self, step: Seconds, known: Mask, late: str = "") -> None:
         """The features of N samples, one each ``step``; ``known`` (N, 3) are those there."""
         self.late, (self.outputs, order) = late, size_of(late)
         self.basis = _basis(len(known), step, order)
-        self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
+        self.rows = [self.basis.at_samples[kept] for kept in known.T]
         self._grams = [self.basis.grams([values], [values])[:, 0] for values in self.rows]
-        self._latest: tuple[bytes, Factors | None] = b"", None
-        self._latest_prior: tuple[bytes, FloatArray, float] = b"", np.empty(0), np.nan
 
-    def factors(self, values: FloatArray) -> Factors | None:
-        """At unknowns (P,) in their own units; None where Λ is singular."""
-        key, latest = self._of_physics(values) + noise_of(values).tobytes(), self._latest
-        if key != latest[0]:  # one after the other asks for the same
-            self._latest = latest = key, self._factors(values)
-        return latest[1]
+    def factors(self, values: FloatArray) -> tuple[FloatArray, float] | None:
+        """The factor of Λ + A in lower banded form, and ½ log|Λ| - ½ log|Λ + A|.
 
-    def _factors(self, values: FloatArray) -> Factors | None:
-        key, latest = self._of_physics(values), self._latest_prior
-        if key != latest[0]:
-            prior = self.prior(values)
-            factor, fault = lapack.dpbtrf(prior, lower=1)
-            self._latest_prior = latest = key, prior, np.nan if fault else np.log(factor[0]).sum()
-        _, prior, log_prior = latest
-        posterior, fault = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
-        if fault or np.isnan(log_prior):
+        At unknowns (P,) in their own units; None where Λ is singular.
+        """
+        prior = self.prior(values)
+        factor, fault = lapack.dpbtrf(prior, lower=1)
+        posterior, fault_too = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
+        if fault or fault_too:
             return None
-        return posterior, float(log_prior - np.log(posterior[0]).sum())
-
-    def _of_physics(self, values: FloatArray) -> bytes:
-        """Those of the unknowns that Λ depends on."""
-        return np.append(np.delete(values[:9], NOISE), values[-1:] if self.late else ()).tobytes()
+        return posterior, float(np.log(factor[0]).sum() - np.log(posterior[0]).sum())
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (6 O, O K) in lower banded form; the outputs stand side by side at each function."""
@@ -304,12 +287,6 @@ class Design:
         return banded
 
 
-@lru_cache(maxsize=16)
-def _design(samples: int, step: Seconds, known: bytes, late: str) -> Design:
-    """The design of so many samples; ``known`` says of each whether it is there."""
-    return Design(step, np.frombuffer(known, bool).reshape(samples, OUTPUTS), late)
-
-
 def noise_of(values: FloatArray) -> FloatArray:
     """(3,) σ of p, v, u among unknowns (P,)."""
     return values[[*NOISE, NOISE[-1]]]
@@ -324,8 +301,8 @@ class LinearEvidence:
         complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
         measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
         known = ~np.isnan(measured)
-        self.design = _design(len(measured), step, known.tobytes(), late_of(form))
-        self._measured, rows = measured, self.design.rows
+        self.design = Design(step, known, late_of(form))
+        rows = self.design.rows
         data = [column[kept] for column, kept in zip(measured.T, known.T, strict=True)]
         self._right = np.zeros((self.design.basis.size, self.design.outputs))
         for output, (values, y) in enumerate(zip(rows, data, strict=True)):
@@ -361,23 +338,6 @@ class LinearEvidence:
         constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
         return float(log_ratio - (squares + constant) / 2)
 
-    def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
-        """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
-        design, (right, _) = self.design, self.right(values)
-        factor, _ = lapack.dpbtrf(design.prior(values) + design.data(values), lower=1)
-        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, design.outputs)
-        in_order, at_samples = weights[:, [2, 1, 0]], design.basis.at_samples
-        motion = Motion(*(rows @ in_order for rows in at_samples[:2]))
-        measured = (self._measured - [self._intercept(values), 0.0, 0.0])[:, [2, 1, 0]]
-        known = np.where(np.isnan(measured), motion.outputs, measured)
-        if not design.late:
-            return loss_terms(motion, known, values[None, :3], config)
-        _, numerator = reaction(design.late, values[-1])
-        parts = zip(numerator, at_samples, strict=True)
-        acceleration = sum(by * (rows @ weights[:, OUTPUTS]) for by, rows in parts)
-        residual = motion.rates[:, 1] - acceleration
-        return weighted_terms(motion, residual[:, None], known, config)
-
 
 class Evidence(Criterion):
     """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
@@ -388,8 +348,6 @@ class Evidence(Criterion):
         """For series, each with features of its own length, and one of the CTHPs."""
         super().__init__(series, spec)
         names = [unknown.name for unknown in coordinates(spec.model)]
-        # First the slopes for what leaves all factors as they are, then those that leave Λ.
-        self._order = sorted(range(self.size), key=lambda at: (names[at] != "s0", at not in NOISE))
         self._moves = DIFFERENCE * np.array([METRES if name == "s0" else 1.0 for name in names])
         """(P,) differences of the coordinates."""
         self._terms = [
@@ -416,25 +374,16 @@ class Evidence(Criterion):
         would move them by a fifth of a standard error.
         """
         value, gradient = np.empty(len(z)), np.zeros(z.shape)
-        moves = np.diag(self._moves)[self._order]
+        moves = np.diag(self._moves)
         for k, (row, group) in enumerate(zip(z, groups, strict=True)):
             around = row + np.stack([moves, -moves], axis=1).reshape(-1, self.size)
             value[k] = self._value(row[None], group).item()
             if present is None or value[k] > present[k] - 1e-6:
                 above, below = self._value(around, group).reshape(-1, 2).T
-                gradient[k, self._order] = (above - below) / (2 * self._moves[self._order])
+                gradient[k] = (above - below) / (2 * self._moves)
         *_, information = super().score(z, groups)
         return value, gradient, information
 
     def _value(self, z: FloatArray, group: int) -> FloatArray:
         """(K,) the criterion of a group at coordinates (K, P)."""
         return self.log_likelihood(z, np.full(len(z), group)) + self.log_prior(z)
-
-    def loss(self, z: FloatArray, config: PinnConfig) -> LossTerms:
-        """Ψ of all series together, at coordinates (G, P) of the groups."""
-        values = natural(self.form, z)
-        terms = [
-            term.loss(values[group], config)
-            for term, group in zip(self._terms, self.series.group, strict=True)
-        ]
-        return LossTerms(*np.mean([(t.data, t.physics, t.initial) for t in terms], axis=0))
