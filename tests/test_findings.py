@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 import accpinn.results.report  # noqa: F401  all modules that have findings
 from accpinn.findings import Finding, joined, probability
-from accpinn.inference.answer import HeterogeneousFollowers, HeterogeneousWindows
 from accpinn.inference.identifiability import WeakIdentification
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.inference.trust import Trust
+from accpinn.inference.typical import HeterogeneousFollowers, HeterogeneousWindows
 from accpinn.methods.estimate import HiddenLayersGain
 from accpinn.recordings import SamplesMissing, Window
 from accpinn.segment import Bridged, DrivenByHand
@@ -76,7 +76,7 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
         for name in plain:
             other = replace(finding, **{name: OTHER[hints[name]](fields[name])})
             told |= {name} if other.sentence(About()) != sentence else set()
-    # The speed of a verdict on windows stands in the answer's table.
+    # The speed of a verdict on windows stands in the table of parameters.
     assert plain - told == ({"speed"} if kind is Trust else set())
 
 

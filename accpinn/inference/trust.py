@@ -69,41 +69,35 @@ class Trust(Finding, frozen=True):
         elif self.is_reproduced:
             drive = f"The model reproduces the drive within {off}."
         elif self.collides:
-            drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
+            drive = f"The simulated car collides; gap error {self.rmse:.1f} m (rms)."
         else:
             drive = (
                 f"The model misses much of the drive: its gap is {self.rmse:.1f} m off (rms), while"
                 f" the gap's standard deviation is {self.deviation:.1f} m."
             )
-        gap = "Its time gap is" if self.vehicle else "Their time gap is"
-        return f"{_agreement(gap, self.windows, [self.same])} {drive}"
+        return f"{_agreement(self.windows, [self.same])} {drive}"
 
 
 def trust_of_several(trusts: Sequence[Trust]) -> str:
     """What holds of several vehicles whose drives are all reproduced, in words."""
-    same = [trust.same for trust in trusts]
     errors = _range([trust.rmse for trust in trusts])
     deviations = _range([trust.deviation for trust in trusts])
     return (
-        f"{_agreement('Their time gaps are', trusts[0].windows, same)} The model"
-        f" reproduces the drives within {errors} m (rms; the gaps' standard deviations:"
-        f" {deviations} m)."
+        f"{_agreement(trusts[0].windows, [trust.same for trust in trusts])} The model reproduces"
+        f" the drives within {errors} m (rms; the gaps' standard deviations: {deviations} m)."
     )
 
 
-def _agreement(gaps: str, windows: int, same: Sequence[int | None]) -> str:
-    """How many of the windows say the same time gap; ``gaps`` is the sentence's beginning."""
+def _agreement(windows: int, same: Sequence[int | None]) -> str:
+    """In how many windows time gaps are that of the estimate, in words."""
     known = [count for count in same if count is not None]
     if windows == 1:
         return "Based on one window."
     if not known:
         return f"Based on {windows} windows."
     low, high = min(known), max(known)
-    if low == windows:
-        count = "both windows" if windows == 2 else f"all {windows} windows"
-    else:
-        count = f"{low if low == high else f'{low} to {high}'} of {windows} windows"
-    return f"{gaps} the same within {100 * ALIKE:.0f} % in {count}."
+    count = str(low) if low == high else f"{low} to {high}"
+    return f"Repeatable in {count} of {windows} windows (time gap within {100 * ALIKE:.0f} %)."
 
 
 def _range(values: Sequence[float]) -> str:

@@ -5,13 +5,16 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import accpinn
+from accpinn import AccpinnError
 from accpinn.cli import main
 from tests.support.command import ROOT
-from tests.support.samples import FOLDER, NOISY
+from tests.support.samples import FOLDER, NOISE_FREE, NOISY
 
 NUMBER = r"\d+(?:\.\d+)?"
 
@@ -95,7 +98,98 @@ def test_a_wheel_has_the_command_and_every_file_that_the_package_reads(tmp_path:
     assert json.loads(done.stdout)["duration"] == 300
 
 
-def test_several_methods() -> None:
-    file = FOLDER / f"{NOISY}.csv"
-    rows = list(accpinn.compare(file, 0, 60, methods=("least-squares", "splines")))
+FILE = FOLDER / f"{NOISY}.csv"
+QUICK = {"method": "least-squares"}
+
+
+def test_several_methods_on_several_windows() -> None:
+    windows = [(0, 60), (100, 160)]
+    rows = list(accpinn.compare(FILE, windows=windows, methods=("least-squares", "splines")))
     assert [row.analysis.method for row in rows] == ["least-squares", "splines"]
+    for row in rows:
+        alone = accpinn.fit(FILE, windows=windows, method=row.analysis.method)
+        np.testing.assert_array_equal(row.parameters.values, alone.parameters.values)
+
+
+def test_segments_in_place_of_a_recording_give_the_same() -> None:
+    recording = accpinn.read(FILE)
+    segments = [accpinn.cut(recording, start, 60) for start in (0, 100)]
+    for given, asked in (
+        (segments[0], {"start": 0, "duration": 60}),
+        (segments, {"windows": "0-60,100-160"}),
+    ):
+        found, expected = accpinn.fit(given, **QUICK), accpinn.fit(recording, **asked, **QUICK)
+        np.testing.assert_array_equal(found.parameters.values, expected.parameters.values)
+        assert found.infos == expected.infos
+        (row,) = accpinn.compare(given, methods=("least-squares",))
+        np.testing.assert_array_equal(row.parameters.values, expected.parameters.values)
+
+
+def test_segments_of_two_recordings_share_their_parameters() -> None:
+    segments = [accpinn.cut(accpinn.read(FOLDER / f"{name}.csv"), 0, 60)
+                for name in (NOISY, NOISE_FREE)]  # fmt: skip
+    both = accpinn.fit(segments, **QUICK)
+    alone = [accpinn.fit(segment, **QUICK).parameters.alpha[0] for segment in segments]
+    assert min(alone) < both.parameters.alpha[0] < max(alone)
+    assert [info.source for info in both.infos] == [segment.source for segment in segments]
+
+
+@pytest.mark.parametrize(
+    ("asked", "method", "preset", "model"),
+    [
+        ({}, "pinn", "calibrated", "cthp-s0-delay"),
+        ({"model": "cthp"}, "pinn", "calibrated", "cthp"),
+        ({"model": "idm"}, "simulation", None, "idm"),
+        ({"preset": "fast"}, "pinn", "fast", "cthp"),
+        ({"preset": "fast", "model": "idm"}, "pinn", "fast", "idm"),
+        ({"method": "maximum-likelihood"}, "pinn", "calibrated", "cthp-s0-delay"),
+        ({"method": "splines"}, "splines", None, "cthp"),
+        ({"method": "simulation"}, "simulation", None, "cthp-s0-delay"),
+    ],
+)
+def test_what_is_estimated_unless_something_else_is_named(
+    asked: dict[str, str], method: str, preset: str | None, model: str
+) -> None:
+    found = accpinn.analyse(accpinn.read(FILE), **asked)
+    assert (found.method, found.settings.get("preset"), found.spec.model) == (method, preset, model)
+    assert [(window.start, window.end) for window in found.windows] == [(0, 300)]
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"windows": "0-60", "start": 0}, "start: the windows say where they lie; leave start out"),
+        ({"windows": [(0, 60)], "duration": 60}, "leave duration out"),
+        ({"windows": []}, r"windows: \[\] is not allowed; choose pairs"),
+        ({"windows": [3]}, "choose pairs of start and end"),
+        ({"preset": "fast", "method": "splines"}, "the method splines has none; leave preset out"),
+        ({"preset": "fast", "method": "maximum-likelihood"}, "means pinn with the preset calibr"),
+        ({"preset": "calibrated", "model": "idm"}, "choose the method simulation"),
+        ({"settings": {"depth": 3}}, "these are not the PiNN's"),
+        ({"settings": {"iterations": 0}}, "iterations: 0 is not allowed"),
+        ({"seed": True}, "choose a whole number"),
+        ({"fixed": {"s0": 900.0}}, "s0 = 900 is not allowed"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(AccpinnError, match=words):
+        accpinn.fit(FILE, **asked)
+
+
+def test_a_source_that_is_none_and_what_segments_do_not_leave_to_choose() -> None:
+    segment = accpinn.cut(accpinn.read(FILE), 0, 60)
+    for source, asked, words in (
+        (
+            segment,
+            {"vehicles": "1-2"},
+            "vehicles: the segments are cut already; leave vehicles out",
+        ),
+        ([segment], {"start": 0}, "leave start out"),
+        ([segment], {"exclude": "standstill"}, "leave exclude out"),
+        ([], {}, "choose a file's path, a recording, or segments"),
+        ([FILE], {}, "choose a file's path, a recording, or segments"),
+        (3, {}, "choose a file's path"),
+        ([segment, segment], {}, "overlap"),
+    ):
+        with pytest.raises(AccpinnError, match=words):
+            accpinn.fit(source, **asked, **QUICK)

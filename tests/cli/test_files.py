@@ -1,7 +1,6 @@
 """Commands on files and given numbers: what they print, where they write, what they refuse."""
 
 import html
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -30,6 +29,7 @@ def file(tmp_path: Path) -> Path:
 # Snapshots
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_a_report_is_beside_the_snapshot_or_where_asked(
     file: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -37,23 +37,33 @@ def test_a_report_is_beside_the_snapshot_or_where_asked(
     written = file.with_name("small.html")
     assert capsys.readouterr().out.strip() == str(written)
     assert load(file).id in written.read_text(encoding="utf-8")
-    bare = save(replace(whole(), segments=()), tmp_path / "no_data.accpinn.zip")
-    place = tmp_path / "r.html"
-    assert main(["report", str(bare), "--recording", str(PLATOON), "-o", str(place)]) == 0
-    assert "Measured space-gaps and speeds" in place.read_text(encoding="utf-8")
+    kept, place = save(whole(), tmp_path / "whole.accpinn.zip"), tmp_path / "r.html"
+    assert main(["report", str(kept), "--recording", str(PLATOON), "-o", str(place)]) == 0
+    page = place.read_text(encoding="utf-8")
+    assert "Outside the window" in page
     elsewhere = PLATOON.with_name("synthetic_paper_study.csv")
     capsys.readouterr()
-    said = refused(capsys, 1, "report", bare, "--recording", elsewhere, "-o", place)
+    said = refused(capsys, 1, "report", kept, "--recording", elsewhere, "-o", place)
     assert PLATOON.name in said
+
+
+def test_a_report_without_curves_shows_no_series(
+    file: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    place = tmp_path / "r.html"
+    for options, shows in ((["--no-curves"], False), ([], True)):
+        assert main(["report", str(file), "-o", str(place), *options]) == 0
+        assert ("Measured space-gaps and speeds" in place.read_text(encoding="utf-8")) is shows
+    capsys.readouterr()
 
 
 def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     printed = document(capsys, "verify", file)
     assert printed["ok"] is True
     states = {check["part"]: check["state"] for check in printed["checks"]}
-    assert (states["fit"], states["uncertainty"]) == ("reproduced", "recomputed")
+    assert states["estimate"] == "reproduced"
     quick = document(capsys, "verify", file, "--quick")
-    assert {check["part"]: check["state"] for check in quick["checks"]}["fit"] == "not checked"
+    assert {check["part"]: check["state"] for check in quick["checks"]}["estimate"] == "not checked"
     assert "--refit" in [check["cure"] for check in quick["not_checked"]]
     assert main(["verify", str(file), "--refit"]) == 0
     assert "reproduced" in capsys.readouterr().out
@@ -75,12 +85,10 @@ def test_forged_parameters_are_named_before_anything_is_made_of_them(
 
 def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "a.accpinn.zip"
-    options = ("--method", "splines", "--name", "mine", "--note", "a note", "--out", path)
-    fitted = document(capsys, "fit", STUDY, *SHORT, *options)["answer"][0]["parameters"]
-    vehicle = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
-    assert {name: vehicle[name] for name in fitted} == fitted
-    assert document(capsys, "stability", path)["vehicles"][0] == vehicle
-    assert vehicle["measured"] is None, "a snapshot without data"
+    options = ("--model", "cthp", "--name", "mine", "--note", "a note", "--out", path)
+    document(capsys, "fit", STUDY, *SHORT, *options)
+    (vehicle,) = document(capsys, "stability", "--snapshot", path)["vehicles"]
+    assert document(capsys, "stability", path)["vehicles"] == [vehicle]
     assert 0.0 <= vehicle["probability_l2"] <= 1.0
     low, high = vehicle["intervals"]["peak_gain"]
     assert low <= vehicle["peak"]["gain"] <= high
@@ -92,13 +100,24 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     assert low < run["predicted_amplitude"][-1] < high
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"
     assert load(path).facts["samples"] == 3001
-    save(whole(), path)
-    for k, other in enumerate(document(capsys, "stability", path)["vehicles"]):
-        assert other["measured"]["gain"] == measured_gain(whole().segment, k).gain.tolist()
-        assert len(other["measured"]["coherent"]) == len(other["measured"]["omega"])
 
 
-def test_what_is_against_an_answer_is_printed_beside_its_conclusions(
+def test_a_point_has_verdicts_and_a_measured_gain_but_no_probability(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    path = save(whole(), tmp_path / "a.accpinn.zip")
+    for k, vehicle in enumerate(document(capsys, "stability", path)["vehicles"]):
+        assert vehicle["measured"]["gain"] == measured_gain(whole().segments, k).gain.tolist()
+        assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
+        assert vehicle["l2"]["stable"] in (True, False)
+        assert vehicle.keys().isdisjoint({"probability_l2", "intervals", "level"})
+    assert main(["stability", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "amplify disturbances by up to" in printed
+    assert "robability" not in printed
+
+
+def test_what_is_against_an_estimate_is_printed_beside_its_conclusions(
     tmp_path: Path, capsys: Capture
 ) -> None:
     missing, against = missing_the_drive(whole())
@@ -108,7 +127,7 @@ def test_what_is_against_an_answer_is_printed_beside_its_conclusions(
         assert capsys.readouterr().out.count(against) == 1
     assert against in document(capsys, "simulate", path)["warnings"][-1]
     page = html.unescape(render_report(missing))
-    assert page.count(against) == 2, "with the answer, and with the verdict"
+    assert page.count(against) == 2, "with the estimate, and with the verdict"
     assert main(["stability", str(save(whole(), path))]) == 0
     assert against not in capsys.readouterr().out
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import termios
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,25 @@ class TestAsAProcess:
         assert out.stat().st_size > 0
 
     @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
+    def test_a_terminal_is_shown_phases_time_left_and_what_is_maximised(self) -> None:
+        terminal, seen = os.openpty()
+        termios.tcsetwinsize(seen, (24, 120))
+        running = subprocess.Popen(
+            command("fit", STUDY, *SHORT, "--model", "cthp", "--no-cache"),
+            cwd=ROOT, stdout=subprocess.DEVNULL, stderr=seen,
+        )  # fmt: skip
+        os.close(seen)
+        shown = b""
+        with suppress(OSError):  # which ends it on Linux
+            while part := os.read(terminal, 4096):
+                shown += part
+        os.close(terminal)
+        assert running.wait() == 0
+        bars = shown.decode()
+        assert re.search(r"parameters .*\d:\d\d left, log L=-?\d+\.\d, α=\d", bars)
+        assert re.search(r"intervals 100%.* 1/1, 00:00 left", bars)
+
+    @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
     def test_an_interrupt_stops_keeps_a_checkpoint_and_says_so(self, tmp_path: Path) -> None:
         long = ("fit", STUDY, *SHORT, "--preset", "paper", "--iterations", 1_000_000)
         terminal, seen = os.openpty()
@@ -86,7 +106,7 @@ class TestAsAProcess:
         )
         os.close(seen)
         shown = b""
-        while not re.search(rb" [1-9]\d*/1000000 ", shown):  # training is under way
+        while not re.search(rb" [1-9]\d*/1000000, \d+:\d\d", shown):  # training is under way
             shown += os.read(terminal, 4096)
         running.send_signal(signal.SIGINT)
         out, _ = running.communicate(timeout=60)

@@ -16,8 +16,8 @@ OF_PLATOON = (
 UNREAD = (
     [], ["paint"], ["info"],
     *(["fit", STUDY, *wrong] for wrong in (
-        ["--case", "III"], ["--method", "magic"], ["--preset", "slow"], ["--start", "noon"],
-        ["--vehicles", "all"], ["--iterations", "many"],
+        ["--case", "III"], ["--preset", "slow"], ["--start", "noon"], ["--vehicles", "all"],
+        ["--iterations", "many"], ["--fixed", "s0"],
     )),
 )  # fmt: skip
 """What cannot be parsed."""
@@ -43,9 +43,22 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "initial", [*FIT, "--initial", "-1,1,1"]),
         (2, "threads", [*FIT, "--threads", 10**20]),
         (2, "paper preset", [*FIT, "--lbfgs", 5]),
-        (2, "leave --start out", [*FIT, "--windows", "0-60,60-120", "--start", "10"]),
-        (2, "leave --duration out", [*FIT, "--windows", "0-60,60-120", "--duration", "60"]),
-        (2, "leave --start out", [*FIT, "--windows", "all", "--start", "10"]),
+        (2, "leave start out", [*FIT, "--windows", "0-60,60-120", "--start", "10"]),
+        (2, "leave duration out", [*FIT, "--windows", "0-60,60-120", "--duration", "300"]),
+        (2, "leave start out", [*FIT, "--windows", "all", "--start", "0"]),
+        (2, "magic is not known; choose pinn, least-squares", [*FIT, "--method", "magic"]),
+        (2, "cannot estimate idm; it can cthp", [*FIT, "--preset", "calibrated", "--model", "idm"]),
+        (2, "choose the method simulation or the PiNN's preset fast or paper",
+         [*FIT, "--preset", "calibrated", "--model", "idm"]),
+        (2, "cannot estimate idm; it can cthp",
+         [*FIT, "--method", "least-squares", "--model", "idm"]),
+        (2, "the method splines has none", [*FIT, "--method", "splines", "--preset", "fast"]),
+        (2, "leave maximum-likelihood out",
+         [*FIT, "--method", "maximum-likelihood", "--preset", "fast"]),
+        (2, "s0 is given twice", [*FIT, "--fixed", "s0=1", "--hold", "s0=2"]),
+        (2, "cthp-s0-delay has s0, delay to fix", [*FIT, "--fixed", "T=1"]),
+        (2, "magic is not known; choose pinn, pinn-fast, pinn-paper",
+         ["compare", STUDY, "--methods", "pinn,magic"]),
         (2, "choose 1 to 100", ["starts", STUDY, "--seeds", 0]),
         (2, "choose 1 to 100", ["starts", STUDY, "--seeds", 10**9]),
         (2, "--beta and --tau missing", ["stability", "--alpha", 1]),
@@ -60,7 +73,7 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "krauss is not known", [*JUDGE, "krauss"]),
         (2, "--leave-out", [*JUDGE, "cthp", "--leave-out", "standstill"]),
         (1, "too short to judge models by", [*JUDGE, "cthp", "--duration", 50]),
-        (2, "leave --hold and --case out", [*JUDGE, "idm", "--hold", "T=0.5", "--case", "I"]),
+        (2, "leave --fixed and --case out", [*JUDGE, "idm", "--fixed", "T=0.5", "--case", "I"]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_ends_in_one_line(
@@ -84,3 +97,4 @@ def test_help_explains_commands_and_methods(capsys: Capture) -> None:
         assert max(map(len, shown.splitlines())) <= 100
         if command in ("fit", "compare"):
             assert all(method.summary in shown for method in METHODS.values())
+            assert "maximum-likelihood" not in shown

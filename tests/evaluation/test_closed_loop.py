@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn import METHODS, Fit, Recording, Segment, assess_quality, cut, label_regimes
 from accpinn.evaluation import cross_validate, evaluate
 from accpinn.evaluation.closed_loop import (
     DIVERGED,
@@ -21,12 +20,18 @@ from accpinn.evaluation.closed_loop import (
     surrogate_errors,
     tracking_errors,
 )
-from accpinn.evaluation.whiteness import whiteness
+from accpinn.evaluation.residuals import residual_correlations
 from accpinn.methods import least_squares
+from accpinn.methods.estimate import Estimate
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
+from accpinn.segment.cut import cut
+from accpinn.segment.quality import assess_quality, label_regimes
 from accpinn.units import Stretch
 from tests.support.driving import LAW, MIXED, driven, segment_of
+from tests.support.estimates import point
 from tests.support.holes import with_holes
 from tests.support.snapshots import bits
 
@@ -36,8 +41,8 @@ BRAKING = (1e-6, 0.0, 1e6)
 """Brakes for ever."""
 
 
-def fit_with(segment: Segment, parameters: Parameters) -> Fit:
-    return replace(least_squares.fit(segment), parameters=parameters)
+def fit_with(segment: Segment, parameters: Parameters) -> Estimate:
+    return replace(least_squares.METHOD.fit(segment), parameters=parameters)
 
 
 class TestTrackingErrors:
@@ -53,10 +58,10 @@ class TestTrackingErrors:
     def test_a_simulated_curve_is_no_surrogate(self) -> None:
         segment = driven()
         fit = fit_with(segment, TRUTH[:1])
-        assert surrogate_errors(segment, fit) is None
-        curve = replace(fit, surrogate=simulated(segment, "cthp", TRUTH[:1]))
-        assert surrogate_errors(segment, curve) is not None
-        assert surrogate_errors(segment, replace(curve, method="simulation")) is None
+        assert surrogate_errors([segment], fit) == ()
+        curve = replace(fit, curves=(simulated(segment, "cthp", TRUTH[:1]),))
+        assert len(surrogate_errors([segment], curve)) == 1
+        assert surrogate_errors([segment], replace(curve, method="simulation")) == ()
 
 
 class TestClosedLoop:
@@ -142,21 +147,21 @@ def whole() -> Segment:
     return driven(MIXED, noise=0.05)
 
 
-def fit() -> Fit:
-    return replace(least_squares.fit(whole()), parameters=Parameters.of(MIXED))
+def fit() -> Estimate:
+    return fit_with(whole(), TRUTH)
 
 
 READERS: dict[str, Callable[[Segment], object]] = {
     "closed loop": lambda segment: ClosedLoop.of(segment, fit()).errors,
     "surrogate": lambda segment: surrogate_errors(
-        segment, replace(fit(), method="splines", surrogate=closed_loop(whole(), fit()))
+        [segment], replace(fit(), method="splines", curves=(closed_loop(whole(), fit()),))
     ),
-    "residual": lambda segment: whiteness(segment, fit()),
+    "residual": lambda segment: residual_correlations(segment, fit(), 0)._asdict(),
     "regression": lambda segment: Regression.of(segment).solve("II").theta,
-    "hold-out": lambda segment: cross_validate(segment, lambda rest: fit()),
+    "hold-out": lambda segment: cross_validate([segment], lambda rest: fit()),
     "quality": assess_quality,
     "regimes": lambda segment: label_regimes(segment).shares,
-    "likelihood": lambda segment: METHODS["maximum-likelihood"].fit(segment).parameters,
+    "likelihood": lambda segment: point(segment, model="cthp").parameters,
 }
 
 
@@ -205,7 +210,7 @@ class TestMissingSamples:
         segment = with_holes(whole(), {1: [Stretch(0, 299)], 2: [Stretch(300, 600)]})
         found = evaluate(segment, fit())
         assert (found.closed_loop, found.findings) == (None, ())
-        blocks = cross_validate(with_holes(whole(), {1: [Stretch(0, 250)]}), lambda rest: fit())
+        blocks = cross_validate([with_holes(whole(), {1: [Stretch(0, 250)]})], lambda rest: fit())
         assert [block.window.start for block in blocks] == pytest.approx([20.0, 40.1])
         assert all(block.errors is not None for block in blocks)
 

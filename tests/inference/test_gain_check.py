@@ -1,4 +1,4 @@
-"""The answer held against the measured gain and against the drive itself."""
+"""An estimate held against the measured gain and against the drive itself."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,14 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn import Parameters, ParameterSet, Segment
-from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import LEAST, GainCheck, gain_checks
+from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.inference.trust import Trust, trust
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
 from accpinn.results.vehicles import KnownVehicles
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 
 LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)
@@ -29,21 +31,19 @@ def driven(car: str) -> tuple[Segment, ...]:
     )
 
 
-def given(parameters: Parameters) -> Answer:
-    """An answer whose draws lie within a per cent of some parameters."""
-    known = answer(driven("loud")[:1], model="cthp")
+def given(parameters: Parameters) -> Uncertainty:
+    """What is known of parameters whose draws lie within a per cent of them."""
     spread = 1.0 + 0.01 * np.random.default_rng(0).standard_normal((100, 1, 6))
-    drawn = Parameters.of(parameters.complete * spread)
-    return replace(known, parameters=parameters, typical=drawn, further=drawn)
+    return from_draws(parameters, Parameters.of(parameters.complete * spread), 0.9)
 
 
-def check(car: str, parameters: Parameters) -> tuple[GainCheck, Answer]:
-    said = given(parameters)
-    (found,) = gain_checks(driven(car), said)
-    return found, said
+def check(car: str, parameters: Parameters) -> tuple[GainCheck, Uncertainty]:
+    known = given(parameters)
+    (found,) = gain_checks(driven(car), known)
+    return found, known
 
 
-def test_a_car_that_obeys_its_answer_is_not_contradicted() -> None:
+def test_a_car_that_obeys_its_estimate_is_not_contradicted() -> None:
     for car, parameters in (("loud", LOUD), ("calm", CALM)):
         found, _ = check(car, parameters)
         assert found.contradiction == ""
@@ -63,11 +63,11 @@ def test_a_car_that_obeys_its_answer_is_not_contradicted() -> None:
 def test_a_verdict_that_the_recording_denies_is_the_models_alone(
     car: str, parameters: Parameters, kind: str, part: str
 ) -> None:
-    found, said = check(car, parameters)
+    found, known = check(car, parameters)
     assert found.contradiction == kind
     chosen = ParameterSet("made", ("Audi",), parameters)
     assert part in found.sentence(chosen)
-    plain, checked = (KnownVehicles(chosen, said.uncertainty, by) for by in ((), (found,)))
+    plain, checked = (KnownVehicles(chosen, known, by) for by in ((), (found,)))
     assert headline(checked) != headline(plain)
     table = verdict_table(checked)
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
@@ -96,26 +96,38 @@ def windows() -> list[Segment]:
     return [disturbed(TRUE[None], seed, Disturbance(0.05), duration=120.0) for seed in range(4)]
 
 
-def held(windows: list[Segment], answer: Parameters, taus: tuple[float, ...]) -> Trust:
+def trusted(windows: list[Segment], parameters: Parameters, taus: tuple[float, ...]) -> Trust:
     own = Parameters(np.full(4, 0.1), np.full(4, 0.3), np.array(taus))
-    return trust(windows, 2, [0], "cthp", answer, own, 20.0)
+    return trust(windows, 2, [0], "cthp", parameters, own, 20.0)
 
 
 def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_does_not(
     windows: list[Segment],
 ) -> None:
-    other = held(windows, Parameters(0.02, 0.02, 2.5), (1.2,) * 4)
+    other = trusted(windows, Parameters(0.02, 0.02, 2.5), (1.2,) * 4)
     assert (other.same, other.is_reproduced) == (0, False)
-    crash = held(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
+    crash = trusted(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
     assert (crash.collides, crash.is_reproduced) == (True, False)
     assert crash.in_words != other.in_words
-    found = held(windows, TRUE, (1.2, 1.21, 1.3, 1.19))
+    found = trusted(windows, TRUE, (1.2, 1.21, 1.3, 1.19))
     assert (found.windows, found.same) == (4, 3)
     assert found.is_reproduced
     assert found.rmse < 1.5
     assert found.deviation == pytest.approx(
         np.sqrt(np.mean([window.gaps.var() for window in windows])), rel=1e-6
     )
+
+
+def test_a_method_without_own_estimates_of_windows_is_held_against_the_drive_alone(
+    windows: list[Segment],
+) -> None:
+    found = trust(windows, 2, [0], "cthp", TRUE, None, 20.0)
+    assert (found.windows, found.same) == (4, None)
+    assert found.is_reproduced
+    assert not found.is_contradicted
+    assert found.in_words.startswith("Based on 4 windows. ")
+    other = trust(windows, 2, [0], "cthp", Parameters(0.02, 0.02, 2.5), None, 20.0)
+    assert other.is_contradicted
 
 
 def test_what_is_excluded_does_not_count_and_does_not_move_the_rest(
@@ -127,9 +139,9 @@ def test_what_is_excluded_does_not_count_and_does_not_move_the_rest(
         replace(window, gaps=window.gaps + 40.0 * far[:, None], mask=~far[:, None])
         for window in windows
     ]
-    found, whole = held(moved, TRUE, (1.2,) * 4), held(windows, TRUE, (1.2,) * 4)
+    found, whole = trusted(moved, TRUE, (1.2,) * 4), trusted(windows, TRUE, (1.2,) * 4)
     assert found.is_reproduced
     assert found.rmse < 1.5
     assert found.deviation < 1.5 * whole.deviation
-    everything = held([replace(window, mask=None) for window in moved], TRUE, (1.2,) * 4)
+    everything = trusted([replace(window, mask=None) for window in moved], TRUE, (1.2,) * 4)
     assert everything.rmse > 4 * found.rmse

@@ -1,82 +1,34 @@
-"""Profiles against brute force, and findings where the data determine the parameters weakly."""
+"""Findings where the data determine the parameters weakly, and what would help."""
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
-from accpinn import Case, Parameters, Segment, assess_quality, intervals, profiles
 from accpinn.inference.identifiability import (
-    INCREASE,
     WIDE,
     NarrowerIntervals,
-    Profile,
     WeakIdentification,
     identifiability,
 )
-from accpinn.methods import least_squares
-from accpinn.methods.regression import Regression
+from accpinn.inference.intervals import Uncertainty, from_draws
+from accpinn.model.cthp import Case, Parameters
+from accpinn.segment import Segment
+from accpinn.segment.quality import assess_quality
 from bench.disturbed import Disturbance, disturbed
-from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, segment_of
+from tests.support.estimates import estimated
 
 TRUTH = Parameters.of([LAW])
 
 
-def by_brute_force(segment: Segment, profile: Profile) -> list[float]:
-    """The first follower's increase of S, by another solver on all rows."""
-    regression = Regression.of(segment)
-    theta = regression.solve("II").theta[0]
-    least = float(((regression.rates[0] - regression.terms[0] @ theta) ** 2).sum())
-    rates, (alpha, alpha_tau, beta) = regression.rates[0], regression.terms[0].T
-
-    def squares(value: float) -> float:
-        if profile.parameter == "α":
-            rows, rest = (alpha_tau, beta), rates - value * alpha
-        elif profile.parameter == "β":
-            rows, rest = (alpha, alpha_tau), rates - value * beta
-        else:
-            rows, rest = (alpha + value * alpha_tau, beta), rates
-        return float(nnls(np.column_stack(rows), rest)[1] ** 2)
-
-    return [squares(value) / least - 1.0 for value in profile.values]
-
-
-class TestProfiles:
-    @pytest.mark.parametrize("beta", [LAW[1], 0.0])
-    def test_every_point_is_the_minimum_over_the_others(self, beta: float) -> None:
-        segment = driven(((LAW[0], beta, LAW[2]),), noise=0.1)
-        for profile in profiles(segment)[0]:
-            expected = by_brute_force(segment, profile)
-            np.testing.assert_allclose(profile.increase, expected, rtol=1e-6, atol=1e-8)
-        assert len(profiles(driven((LAW, LAW), noise=0.1), "I")) == 1
-
-    def test_is_least_at_the_estimate_and_rises_to_the_named_increase_at_its_ends(self) -> None:
-        segment = driven(MIXED, noise=0.1)
-        estimate = least_squares.fit(segment).parameters.values
-        for k, row in enumerate(profiles(segment)):
-            for p, one in enumerate(row):
-                assert one.best == pytest.approx(estimate[k, p], rel=1e-6)
-                assert one.lower < one.best < one.upper
-                assert (np.diff(one.values) > 0).all()
-                ends = np.interp([one.lower, one.upper], one.values, one.increase)
-                np.testing.assert_allclose(ends, INCREASE, rtol=0.03)
-
-    def test_is_flat_where_nothing_moves(self) -> None:
-        alpha, beta, tau = profiles(standing_still())[0]
-        assert np.isinf(beta.upper)
-        assert max(beta.increase.max(), 0.0) < INCREASE
-        assert alpha.lower == 0.0
-        assert tau.lower == 0.0
-
-    def test_without_gap_control_no_headway_is_excluded(self) -> None:
-        tau = profiles(driven(((-0.02, 0.5, 1.0),), noise=0.02))[0][2]
-        assert np.isnan(tau.best), "α = 0 is the estimate"
-        assert (tau.lower, tau.upper) == (0.0, np.inf)
+def uncertainty_of(*segments: Segment, case: Case = "II") -> Uncertainty:
+    found = estimated(segments, case, "cthp")
+    return from_draws(found.parameters, found.posterior.typical, 0.9)
 
 
 class TestWarnings:
     def test_none_where_the_data_determine_the_parameters(self) -> None:
         segment = disturbed(TRUTH, 1, Disturbance(0.05, 4.0), duration=600.0)
-        uncertainty = intervals(segment, least_squares.fit(segment))
+        uncertainty = uncertainty_of(segment)
         assert (uncertainty.upper.values < WIDE * uncertainty.lower.values).all(), (
             "the case needs narrow intervals"
         )
@@ -88,7 +40,7 @@ class TestWarnings:
         time = 0.1 * np.arange(1201)
         speeds = 20 + 0.05 * rng.standard_normal((1201, 2))
         segment = segment_of(time, speeds, 30 + 0.05 * rng.standard_normal((1201, 1)))
-        uncertainty = intervals(segment, least_squares.fit(segment))
+        uncertainty = uncertainty_of(segment)
         found, cure = identifiability(segment.info, assess_quality(segment), uncertainty)
         assert isinstance(found, WeakIdentification)
         assert found.wide
@@ -102,7 +54,7 @@ class TestWarnings:
         """Case I has one finding for all."""
         segment = disturbed(Parameters.of([LAW, LAW]), 1, Disturbance(0.6, 4.0), duration=30.0)
         assert segment.speeds[:, 0].std() > 0.5
-        uncertainty = intervals(segment, least_squares.fit(segment, case))
+        uncertainty = uncertainty_of(segment, case=case)
         about = (segment.info, assess_quality(segment), uncertainty, case)
         *found, cure = identifiability(*about, 1523.0)
         assert [one.vehicle for one in found] == ([0] if case == "I" else [2, 3])

@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from accpinn import Parameters, Segment, model_forms
 from accpinn.inference.innovation_tests import InnovationTests, score_test
-from accpinn.inference.model_adequacy import FORMS, BetterForm, Inadequate, ModelForm
+from accpinn.inference.model_adequacy import (
+    FORMS,
+    BetterForm,
+    Inadequate,
+    ModelForm,
+    model_forms,
+)
 from accpinn.inference.posterior import sample
-from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.series import series_of
+from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 

@@ -9,8 +9,10 @@ from accpinn.methods.kalman import Pairs, innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, discretise, state_space
 from accpinn.model.registry import CTHPS
-from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
+from tests.support.vehicles import AUDI, BMW, row
+
+PAIR = row(AUDI, BMW)
 
 
 def random_values(form, count, rng):
@@ -81,7 +83,7 @@ def test_a_step_is_that_of_the_matrix_exponential(form):
 def test_many_models_at_once_are_as_each_alone():
     """Their covariances settle at different instants, and go on where a sample is missing."""
     rng = np.random.default_rng(4)
-    series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
+    series = series_of([disturbed(PAIR, 1, Disturbance(), duration=120.0)], "II")
     model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 300, rng), series.step)
     measured = np.repeat(series.measured[:, :, :1], 300, axis=2)
     measured[150, 0] = np.nan
@@ -101,7 +103,7 @@ def test_many_models_at_once_are_as_each_alone():
 def test_windows_that_share_a_model_are_as_each_with_its_own():
     """Complete ones share its covariances; beside them a shorter one and one with a hole."""
     rng = np.random.default_rng(5)
-    parts = [disturbed(SETS[[0]], seed, Disturbance(), duration=120.0) for seed in (1, 2, 3, 4)]
+    parts = [disturbed(PAIR[[0]], seed, Disturbance(), duration=120.0) for seed in (1, 2, 3, 4)]
     measured = series_of(parts, "II").measured.copy()
     measured[150:, :, 2] = np.nan
     measured[90:95, 0, 3] = np.nan
@@ -123,7 +125,7 @@ def test_windows_that_share_a_model_are_as_each_with_its_own():
 @pytest.mark.parametrize("form", CTHPS)
 def test_likelihood_and_smoothed_states_agree_with_statsmodels(form, missing):
     rng = np.random.default_rng(10)
-    series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
+    series = series_of([disturbed(PAIR, 1, Disturbance(), duration=120.0)], "II")
     model = state_space(form, random_values(form, 2, rng), series.step)
     measured = missing(series.measured, rng)
     found, (total, innovation) = smooth(model, measured), innovations(model, measured)

@@ -11,12 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn import Analysis, Case, Fit, ParameterSet, Recording, Segment, cut, preset, run
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import splines
-from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
+from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE, ParameterSet
+from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
-from accpinn.study import single_window
+from accpinn.segment import Segment
+from accpinn.segment.cut import cut
+from accpinn.study import Analysis, single_window
 from tests.support.methods import train
 
 LIMIT_I = [[0.01045, 0.07176, 1.5222]]
@@ -43,7 +49,7 @@ def segments(casale: Recording, astazero: Recording) -> dict[str, Segment]:
 
 
 @cache
-def learned(segment: Segment, case: Case, seed: int = 0) -> Fit:
+def learned(segment: Segment, case: Case, seed: int = 0) -> Estimate:
     return train(segment, case, preset("fast", seed=seed), threads=1)
 
 
@@ -56,11 +62,11 @@ def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
     found = learned(segment, case)
     off = np.abs(found.parameters.values / printed.parameters.values - 1.0)
     assert (off <= tolerance).all(), off
-    reached = splines.fit(segment, case).parameters.values
+    reached = splines.METHOD.fit(segment, case).parameters.values
     assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
     off = np.abs(found.parameters.values / reached - 1.0)
     assert (off <= (0.01, 0.02, 0.01)).all(), off
-    errors = surrogate_errors(segment, found)
+    (errors,) = surrogate_errors((segment,), found)
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
 
 
@@ -71,12 +77,10 @@ def test_the_likelihood_of_standing_vehicles_has_the_larger_maximum(openacc_dir:
         ((5, 6), single_window(0.0, 60.0), 157.3),
         ((4, 5), single_window(20.7, 214.3), 34.1),
     ):
-        analysis = Analysis.of(
-            recording, window, vehicles, model="cthp", method="maximum-likelihood"
-        )
-        result = run(analysis, recording)
-        assert result.fit.loss["log_likelihood"] == pytest.approx(likelihood, abs=0.1)
-        assert result.uncertainty.inside.all()
+        analysis = Analysis.of(recording, window, vehicles, model="cthp")
+        segments = analysis.segments(recording)
+        found = METHODS["pinn"].fit(segments, "II", analysis.config, spec=analysis.spec)
+        assert found.loss["log_likelihood"] == pytest.approx(likelihood, abs=0.1)
 
 
 def test_seeds_agree(segments: dict[str, Segment]) -> None:

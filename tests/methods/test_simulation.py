@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from accpinn import cut
 from accpinn.errors import SegmentError
+from accpinn.methods import TaskContext
+from accpinn.methods.estimate import Outcome, Progress, Undetermined
 from accpinn.methods.registry import METHODS
-from accpinn.methods.simulation import Drives, Undetermined, estimate
+from accpinn.methods.simulation import Drives, optima
+from accpinn.model.cthp import Case
 from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
 from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed
+from tests.support.methods import after
 
 TRUTHS = {
     "idm": np.array([[1.2, 1.6, 1.1, 3.0, 40.0], [0.8, 2.2, 1.3, 5.0, 38.0]]),
@@ -31,17 +35,17 @@ def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     model, truth = FOLLOWING[key], TRUTHS[key]
     windows = [one for seed in range(2) for one in followed(model, truth, seed, 0.03, 100.0)]
     groups = [list(range(k, len(windows), 2)) for k in range(2)]
-    for found, theta in zip(estimate(model, Drives.of(windows, model), groups), truth, strict=True):
+    for found, theta in zip(optima(model, Drives.of(windows, model), groups), truth, strict=True):
         assert found.converged
         assert found.theta == pytest.approx(theta, rel=0.15)
         near = model.linearised(found.theta, 25.0), model.linearised(theta, 25.0)
         assert near[0].values == pytest.approx(near[1].values, rel=0.05)
 
 
-def test_a_held_delay_that_is_shorter_than_a_step_is_kept() -> None:
+def test_a_fixed_delay_that_is_shorter_than_a_step_is_kept() -> None:
     model, truth = FOLLOWING["idm-delay"], np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.1]])
     windows = followed(model, truth, 1, 0.03, 100.0)
-    (found,) = estimate(model, Drives.of(windows, model), [[0]], held=(("delay", 0.1),))
+    (found,) = optima(model, Drives.of(windows, model), [[0]], fixed=(("delay", 0.1),))
     assert found.converged
     assert found.theta == pytest.approx(truth[0], rel=0.1)
 
@@ -52,8 +56,8 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     unrest = np.random.default_rng(0).standard_normal(window.speeds.shape)
     gaps = np.full(window.gaps.shape, 36.0)
     steady = replace(window, speeds=25.0 + 0.02 * unrest, gaps=gaps)
-    (known,) = estimate(model, Drives.of([window], model), [[0]])
-    (found,) = estimate(model, Drives.of([steady], model), [[0]])
+    (known,) = optima(model, Drives.of([window], model), [[0]])
+    (found,) = optima(model, Drives.of([steady], model), [[0]])
     assert {"b", "v₀"} <= set(found.undetermined)
     assert set(known.undetermined) < set(found.undetermined)
     (short,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03, seconds=31.0)
@@ -74,7 +78,7 @@ def test_intervals_cover_the_truth_under_disturbances_that_last() -> None:
         error = lfilter([1.0], [1.0, -np.exp(-0.1 / 6.0)], draws, axis=0)  # lasts 6 s
         disturbed.append(replace(window, gaps=window.gaps + error))
     groups = [list(range(k, k + 4)) for k in range(0, len(disturbed), 4)]
-    found = estimate(model, Drives.of(disturbed, model), groups)
+    found = optima(model, Drives.of(disturbed, model), groups)
     inside = [(one.lower <= theta) & (theta <= one.upper) for one in found]
     assert np.mean(inside) > 0.75
 
@@ -114,3 +118,22 @@ def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimat
         METHODS["simulation"].fit(
             replace(window, mask=np.tile(mask[:, 1:], 2)), spec=ModelSpec("cthp")
         )
+
+
+@pytest.mark.parametrize("case", ["I", "II"])
+def test_its_rounds_can_be_watched_and_stopped(case: Case) -> None:
+    windows = tuple(driven((LAW, LAW), duration=seconds) for seconds in (40.0, 60.0))
+    method, spec, seen = METHODS["simulation"], ModelSpec("cthp-s0"), list[Progress]()
+    found = method.fit(windows, case, None, TaskContext(on_progress=seen.append), spec)
+    assert found.outcome is Outcome.CONVERGED
+    assert [moment.iteration for moment in seen] == [*range(found.iterations + 1)]
+    assert (np.diff(found.history.total) <= 1e-9).all(), "the best of its starts so far"
+    sets = 1 if case == "I" else 2
+    np.testing.assert_allclose(found.parameters.values, [LAW] * 2, rtol=0.01)
+    assert seen[-1].parameters == found.history.parameters[-1]
+    np.testing.assert_allclose(seen[-1].parameters.complete, found.parameters.complete[:sets])
+    errors = [np.abs(moment.curves.gaps - windows[0].gaps).mean() for moment in seen]
+    assert errors[0] > 1.0 > 0.1 > errors[-1]
+    stopped = method.fit(windows, case, None, TaskContext(should_stop=after(2)), spec)
+    assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, 2)
+    np.testing.assert_allclose(stopped.parameters.complete[:sets], seen[2].parameters.complete)

@@ -10,14 +10,13 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.methods.estimate import Outcome
-from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.snapshots.listing import restore_run
-from tests.support.apptest import WAIT, answer, fitted, open_page, with_sample
+from tests.support.apptest import WAIT, fitted, open_page, train_at_once, with_sample
 from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, platoon
 from tests.support.samples import frame
@@ -235,8 +234,8 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
     windows = session.several_windows
     assert len(windows) > 1
     assert f"Train on {len(windows)} windows" in page.button(key="data_train").label
-    assert session.training_analysis(FAST).windows == (session.asked.window,)
-    session.train(CALIBRATED)
+    assert session.analysis("fast").windows == windows, "every preset takes them"
+    session.train()
     assert session.training.wait(WAIT)
     assert session.result.analysis.windows == windows
     page = open_page("Train", session)
@@ -256,7 +255,7 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     session, own = sessions.workspaces().new(), read(csv(frame()), "own.csv")
     session.open(own)
-    answer(session)
+    train_at_once(session)
     session.open(read(PLATOON))
     assert session.true_parameters is not None
     (run,) = session.runs
@@ -272,7 +271,7 @@ def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -
         ("I", Outcome.STOPPED, 1),
         ("I", Outcome.CONVERGED, 2),
     ):
-        answer(session, case, outcome=outcome)
+        train_at_once(session, case, outcome=outcome)
         assert len(session.runs) == count
     page = open_page("Train", session).choose("runs_compare", True)
     written = page.plain()  # runs of the same second are in the order of their keys

@@ -4,50 +4,43 @@ from dataclasses import replace
 
 import pytest
 
-from accpinn import Parameters, Result
-from accpinn.methods.pinn.config import PAPER
+from accpinn import Parameters
 from accpinn.recordings import files
-from accpinn.study.verification import QUICK, verify
+from accpinn.study.verification import PROMPT, verify
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
 from tests.support.command import PLATOON
-from tests.support.snapshots import whole
+from tests.support.snapshots import altered, whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
-def bare() -> Result:
-    """The same without its data."""
-    return replace(whole(), segments=(), name="bare")
-
-
 class TestSaving:
-    def test_a_result_is_kept_and_listed_with_data_only_when_asked(self) -> None:
+    def test_a_result_is_kept_with_its_data_which_is_said_first(self) -> None:
         session = fitted()
         page = open_page("Snapshots", session)
-        assert page.checkbox(key="snapshots_with_data").value, "samples include their data"
-        page.checkbox(key="snapshots_with_data").uncheck()
+        assert "contains the recorded speeds and gaps" in page.plain()
         page.text_input(key="snapshots_name").input("<b>mine</b>")
         page.text_input(key="snapshots_note").input("first try")
         page.press("Save")
         (entry,) = library().entries()
-        assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
+        assert (entry.name, entry.note) == ("<b>mine</b>", "first try")
         assert "first try" in page.plain(), "the result that was saved is shown"
-        assert "data are not at hand" not in page.plain(), "the open recording has them"
         kept = library().read(entry.id)
-        assert kept.fit.parameters.values.tobytes() == session.result.parameters.values.tobytes()
+        assert (
+            kept.parameters.everything.tobytes() == session.result.parameters.everything.tobytes()
+        )
+        assert [one.info.digest for one in kept.segments] == [session.segment.info.digest]
 
         assert page.boxes("success")
         page.press("snapshots_back")
         assert not page.boxes("success"), "it was said of the snapshot that was left"
         assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
-        page.checkbox(key="snapshots_with_data").check()
         page.press("Save")
-        (with_data,) = [one for one in library().entries() if one.with_data]
-        assert with_data.name == suggested_name(session)
+        assert suggested_name(session) in [one.name for one in library().entries()]
         page.press("snapshots_back")
         library().cap_count = 0
         page.text_input(key="snapshots_name").input("one more")
@@ -61,9 +54,9 @@ class TestList:
         page.press(f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert page.workspace().restored is None, "looking at it changes nothing"
-        page.open_tab("snapshots_tabs", "Verify")
         assert "Not verified yet" in page.plain()
-        assert verify(whole(), refit_within=QUICK).counted in page.plain()
+        page.open_tab("snapshots_tabs", "Verify")
+        assert verify(whole(), refit_within=PROMPT).counted in page.plain()
         page.press("snapshots_again")
         assert "Reproduced: Estimate" in page.plain()
         page.press("snapshots_open")
@@ -109,8 +102,8 @@ class TestTwo:
         library().add(whole())
         asked = whole().analysis
         asked = replace(asked, settings=asked.settings | {"seed": 7})
-        fits = (replace(whole().fit, config=asked.settings),)
-        name = library().add(replace(whole(), name="other seed", analysis=asked, fits=fits))
+        other = altered(replace(whole(), analysis=asked), settings=asked.settings)
+        name = library().add(replace(other, name="other seed"))
         page = open_page("Snapshots").press(f"snapshots_open_{name}")
         page.open_tab("snapshots_tabs", "Beside another")
         *_, curves = page.figures()
@@ -120,14 +113,14 @@ class TestTwo:
 
     def test_differences_are_those_of_the_second_and_unlike_vehicles_are_named(self) -> None:
         snapshot = whole()
-        values = snapshot.fit.parameters.values.copy()
+        values = snapshot.parameters.values.copy()
         values[0, 0] *= 1.5
-        other = replace(snapshot, fits=(replace(snapshot.fit, parameters=Parameters.of(values)),))
+        other = altered(snapshot, parameters=Parameters.of(values))
         table = differences_table(snapshot, other)
-        speed = snapshot.answer.stated_speed
+        speed = snapshot.estimate.stated_speed
         gap, changed, *rest = (row[-1] for row in table.rows)
         assert float(table.rows[0][2].split()[0]) == pytest.approx(
-            snapshot.answer.time_gap(speed, 0).value, abs=0.006
+            snapshot.estimate.time_gap(speed, 0).value, abs=0.006
         )
         assert (gap, changed, {*rest}) == ("0.0", "+50.0", {"0.0"})
         assert len(rest) == 4 * snapshot.info.followers - 2
@@ -142,29 +135,32 @@ class TestTwo:
 
 class TestLink:
     @pytest.mark.parametrize("title", PAGES)
-    def test_opens_on_every_page_with_and_without_its_data(self, title: str) -> None:
-        for snapshot in (whole(), bare()):
-            page = open_page(title, snapshot=library().add(snapshot))
-            assert not page.error
-            session, complete = page.workspace(), bool(snapshot.segments)
-            assert session.restored is not None
-            assert session.result is not None
-            assert (session.segment is not None) == complete
-            if title in ("Train", "Stability", "Snapshots"):
-                assert page.figures(), "the network's curves are in the snapshot"
-            if title in ("Data", "Compare", "Train"):
-                assert (snapshot.analysis.source.sha256 in page.plain()) == (not complete)
-            if title == "Snapshots":
-                assert not [key for key in page.buttons if "delete" in key or "save" in key]
-                assert "From the snapshot" in page.press("snapshots_back").plain()
-            if title == "Train":
-                assert f"{whole().fit.parameters[0].alpha:.4f}" in page.texts()
-                assert ("train_start" in page.buttons) == complete
+    def test_opens_on_every_page_with_its_data(self, title: str) -> None:
+        page = open_page(title, snapshot=library().add(whole()))
+        assert not page.error
+        session = page.workspace()
+        assert session.restored is session.result
+        assert session.segment.info.digest == whole().info.digest
+        if title in ("Train", "Stability", "Snapshots"):
+            assert page.figures(), "the network's curves are in the snapshot"
+        if title == "Snapshots":
+            assert not [key for key in page.buttons if "delete" in key or "save" in key]
+            assert "From the snapshot" in page.press("snapshots_back").plain()
+        if title == "Train":
+            assert f"{whole().parameters[0].alpha:.4f}" in page.texts()
+            assert "train_start" in page.buttons
+
+    def test_what_takes_the_recording_asks_for_it(self) -> None:
+        page = open_page("Compare", snapshot=library().add(whole()))
+        page.choose("compare_view", "models")
+        assert whole().analysis.source.sha256 in page.plain()
 
     def test_foreign_text_in_it_is_shown_as_it_is(self) -> None:
         image = "![x](http://evil.org/x.png)"
-        info = replace(bare().info, excluded_regimes=(image,), excluded_share=(0.1,) * 4)
-        page = open_page("Train", snapshot=library().add(replace(bare(), infos=(info,))))
+        (segment,) = whole().segments
+        forged = replace(segment, excluded_regimes=(image,))
+        snapshot = replace(whole(), segments=(forged,), infos=(forged.info,), compared=())
+        page = open_page("Train", snapshot=library().add(snapshot))
         assert image in page.plain()
         written = [one.value for kind in ("markdown", "caption") for one in page.get(kind)]
         assert image not in "".join(written)
@@ -174,7 +170,7 @@ class TestLink:
         assert "There is no snapshot" in open_page("Train", snapshot=name).plain()
 
     def test_is_followed_in_a_session_that_exists_and_again_after_other_work(self) -> None:
-        session, name = fitted(), library().add(bare())
+        session, name = fitted(), library().add(whole())
         page = open_page("Train", session, snapshot=name)
         assert page.workspace() is session
         assert session.restored.id == name
@@ -186,7 +182,7 @@ class TestLink:
         assert session.restored is not None
 
     def test_gives_way_to_what_is_opened_later(self) -> None:
-        first, second = library().add(bare()), library().add(replace(bare(), name="second"))
+        first, second = library().add(whole()), library().add(replace(whole(), name="second"))
         page = open_page("Train", snapshot=first)
         session = page.workspace()
         session.restore(library().read(second))
@@ -200,8 +196,8 @@ class TestLink:
 class TestRestoring:
     def test_the_recording_completes_it(self) -> None:
         session = sessions.workspaces().new()
-        session.restore(library().read(library().add(bare())))
-        assert session.segment is None
+        session.restore(library().read(library().add(whole())))
+        assert session.recording is None
         session.open(files.read(PLATOON))
         assert session.segment.info.digest == whole().info.digest
         assert session.result is session.restored
@@ -209,19 +205,18 @@ class TestRestoring:
     def test_its_data_are_trained_on_with_its_settings_and_nothing_is_lost(self) -> None:
         page = open_page("Train", snapshot=library().add(whole()))
         session = page.workspace()
-        assert session.config.to_json() == whole().fit.config
+        assert session.analysis().settings == whole().estimate.settings
         page.press("train_start")
         assert "it stays until the training that runs has a result" in page.plain()
         assert session.training.wait(120)
         assert session.result.parameters == whole().parameters
-        assert session.result.analysis.fit_key != whole().analysis.fit_key, (
-            "nobody saw the recording"
-        )
-        assert [entry.id for entry in session.runs] == [session.result.analysis.fit_key]
+        assert session.result.analysis.key != whole().analysis.key, "nobody saw the recording"
+        assert [entry.id for entry in session.runs] == [session.result.analysis.key]
         assert session.as_snapshot().facts == whole().facts, "as the snapshot knows them"
         session.compare()
         session.comparison.stop()
-        session.train(PAPER)
+        session.preset = "paper"
+        session.train()
         assert session.result is session.restored, "what was there stays while a training runs"
         stop_tasks(session)
         assert session.result.segment == session.segment, "the snapshot, or what was learned so far"

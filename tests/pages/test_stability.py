@@ -6,38 +6,40 @@ from math import isfinite, pi
 from typing import Any
 
 import pytest
-from accpinn.results.messages.answer import assumption
 
-from accpinn import Library, Parameters, stability_report
+from accpinn import Library, Parameters, Result, stability_report
 from accpinn.errors import AccpinnError
 from accpinn.methods.estimate import Outcome
-from accpinn.methods.pinn.config import FAST
+from accpinn.methods.pinn.config import PresetName
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
-from accpinn.recordings import Window
+from accpinn.recordings import Window, files
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
+from accpinn.results.messages.estimate import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.tables.stability import verdict_table
 from accpinn.results.vehicles import known_vehicles
-from accpinn.study.snapshot import named
+from accpinn.study.snapshot import prepare_snapshot
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
-from pages.ui.session.resources import library
+from pages.ui.session.resources import SAMPLES, library
 from pages.ui.stability import clicked_point
 from tests.support.apptest import (
     MINUTE,
     Page,
-    answer,
     fitted,
     numbers,
     open_page,
     read,
+    train_at_once,
     with_example,
+    with_pair,
     with_sample,
 )
-from tests.support.snapshots import missing_the_drive, whole
+from tests.support.snapshots import altered, missing_the_drive, whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -72,24 +74,36 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     assert "Hyundai's β" in page.plain()
 
 
-def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
+@pytest.mark.parametrize("preset", ["calibrated", "fast", "paper"])
+def test_what_is_trained_is_what_is_shown(preset: PresetName) -> None:
+    session = with_pair()
+    session.preset, session.settings[preset] = preset, {"iterations": 20}
+    result = train_at_once(session)
+    (shown,) = (parameters_from(session, "estimate", ()).vehicles.parameters.everything,)
+    assert shown == pytest.approx(result.parameters.everything, abs=1e-9)
+    page = open_page("Stability", session)
+    assert page.shows(verdict_table(known_vehicles(result)))
+    assert ("robability" in page.plain()) is (result.posterior is not None)
+
+
+def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
     session = fitted()
     page = open_page("Stability", session)
     assert all(label in page.plain() for label in session.segment.labels[1:])
     said = headline(page)
-    assert said.startswith("Answer: synthetic_astazero_like.csv, 0–60 s")
+    assert said.startswith("Estimate: synthetic_astazero_like.csv, 0–60 s")
     assert "probability of L₂ string stability" in said
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
-    assert assumption(session.result.answer) in page.plain()
+    assert assumption(session.result) in page.plain()
     banded = len(page.figures()[0]["data"])
     page.choose("stability_uncertainty", False)
     assert len(page.figures()[0]["data"]) < banded
     page.choose("stability_source", "published")
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     session.training.results = (replace(session.result),)
-    assert headline(page.run()).startswith("Answer: "), "a new fit takes its place"
+    assert headline(page.run()).startswith("Estimate: "), "a new one takes its place"
     session.choose(window=Window(0.0, 100.0))
     page.sound()
     assert not page.get("plotly_chart"), "nothing published passes for what is not there"
@@ -98,9 +112,9 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
 
 
 @pytest.mark.parametrize("title", ["Train", "Stability", "Platoon"])
-def test_what_is_against_an_answer_stands_beside_its_conclusions(title: str) -> None:
+def test_what_is_against_an_estimate_stands_beside_its_conclusions(title: str) -> None:
     session = fitted()
-    result, answered = session.result, session.result.answer
+    result = session.result
     missing, against = missing_the_drive(result)
     page = open_page(title, session)
     assert against not in page.plain()
@@ -112,21 +126,21 @@ def test_what_is_against_an_answer_stands_beside_its_conclusions(title: str) -> 
         page.press("train_models")
         assert session.choices["compare_view"] == "models"
     else:
-        assert not any(trust.in_words[1:] in said for trust in answered.trust[1:])
+        assert not any(trust.in_words[1:] in said for trust in result.trust[1:])
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
 def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(title: str) -> None:
-    stopped = {"outcome": Outcome.STOPPED, "iterations": 930}
+    stopped = {"outcome": Outcome.STOPPED, "iterations": 230, "posterior": None, "windows": None}
     session = fitted(**stopped)
     page = open_page(title, session)
-    assert "stopped at 930 iterations" in page.boxes("warning")[0]
+    assert "stopped at 230 of 300 iterations" in page.boxes("warning")[0]
     assert headline(page).endswith("#### No verdict")
     assert "unstable" not in page.plain().split()
-    library().add(named(session.result, "early"))
+    library().add(prepare_snapshot(session.result, "early"))
     session.choose_source("snapshot")
     assert headline(page.run()).endswith("#### No verdict")
-    answer(session)
+    train_at_once(session)
     info = replace(session.result.info, excluded_regimes=("catching up",))
     session.training.results = (replace(session.result, infos=(info,)),)
     page.run()
@@ -136,7 +150,7 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(title:
 
 def test_followers_that_share_their_parameters_have_one_colour() -> None:
     session = fitted()
-    answer(session, "I")
+    train_at_once(session, "I")
     page = open_page("Stability", session)
     assert EVERY_FOLLOWER in headline(page)
     curves = [trace["line"]["color"] for trace in page.figures()[0]["data"] if "line" in trace]
@@ -146,19 +160,20 @@ def test_followers_that_share_their_parameters_have_one_colour() -> None:
     assert "Recorded" in [one["name"] for one in page.figures()[2]["data"]]
 
 
-def test_every_new_training_turns_to_the_current_fit() -> None:
+def test_every_new_training_turns_to_the_current_estimate() -> None:
     session = fitted()
     session.choose_source("published")
     session.training = Task(session.id, "training", lambda _: iter(()))  # waits
     assert headline(open_page("Stability", session)).startswith("Published"), "as it was asked for"
-    answer(session)
-    assert session.parameter_source == "fit"
+    train_at_once(session)
+    assert session.parameter_source == "estimate"
     session.choose_source("published")
     open_page("Train", session).press("train_next")
-    assert session.parameter_source == "fit"
+    assert session.parameter_source == "estimate"
     session.choose_source("published")
-    session.train(replace(FAST, iterations=5))
-    assert session.parameter_source == "fit"
+    session.preset, session.settings["fast"] = "fast", {"iterations": 5}
+    session.train()
+    assert session.parameter_source == "estimate"
     session.training.stop()
 
 
@@ -205,14 +220,46 @@ def test_vehicles_of_one_name_are_told_apart() -> None:
         assert session.choices["platoon_vehicle"] == vehicle
 
 
+# From several results
+
+
+@pytest.mark.parametrize("title", ["Stability", "Platoon"])
+def test_cars_come_from_several_results(title: str) -> None:
+    session = fitted()
+    assert "several" not in open_page(title, session).widget(f"{title.lower()}_source").options
+    alone = with_sample()
+    alone.choose(window=MINUTE, vehicles=(3, 4))
+    alone.choose_model("idm")
+    own = train_at_once(alone)
+    task = Task(session.id, "estimate of 4", lambda _: iter(()))
+    task.answer(own)
+    session.cars[4] = task
+    page = open_page(title, session).choose(f"{title.lower()}_source", "several")
+    said = headline(page)
+    assert said.startswith("Cars from several results: ")
+    assert f"{own.info.labels[1]} (IDM)" in said
+    shown = parameters_from(session, "several", ())
+    rows = session.result.parameters.complete.copy()
+    rows[1] = own.parameters.complete[0]
+    assert shown.vehicles.parameters.complete == pytest.approx(rows)
+    assert shown.uncertainty.draws.complete[:, 1] == pytest.approx(
+        own.posterior.typical.complete[:, 0]
+    )
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    assert not session.own_results, "they are of the other recording"
+
+
 # From a snapshot
 
 
+def halved() -> Result:
+    """A snapshot of the same name with half the gains."""
+    factors = [0.5, 1, 1, 1, 1, 1]
+    return altered(whole(), parameters=Parameters.of(whole().parameters.complete * factors))
+
+
 def test_snapshots_of_one_name_are_told_apart() -> None:
-    known = whole().answer
-    changed = Parameters.of(known.parameters.complete * [0.5, 1, 1, 1, 1, 1])
-    parts = replace(whole().parts, answer=replace(known, parameters=changed))
-    names = {library().add(kept) for kept in (whole(), replace(whole(), parts=parts))}
+    names = {library().add(kept) for kept in (whole(), halved())}
     assert len(names) == 2
     session = sessions.workspaces().new()
     session.chosen_source = "snapshot"
@@ -228,16 +275,13 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 ) -> None:
     session = sessions.workspaces().new()
     session.chosen_source = "snapshot"
-    known = whole().answer
-    changed = Parameters.of(known.parameters.complete * [0.5, 1, 1, 1, 1, 1])
-    parts = replace(whole().parts, answer=replace(known, parameters=changed))
-    other = replace(whole(), name="other", parts=parts)
+    other = replace(halved(), name="other")
     name, newer = library().add(other), library().add(whole())
     session.choices[SNAPSHOT] = name
     page = open_page(title, session)
     assert not page.error
     held = parameters_from(session, "snapshot", library().entries())
-    assert held.vehicles.parameters == changed
+    assert held.vehicles.parameters == other.parameters
 
     looks, reads = [], []
     entries, opening = Library.entries, Library.read
@@ -361,7 +405,7 @@ class TestPage:
         session = with_sample()
         for vehicles in ((1, 2, 3), (3, 4, 5)):
             session.choose(window=MINUTE, vehicles=vehicles)
-            answer(session)
+            train_at_once(session)
             page = open_page("Platoon", session).choose("platoon_order", "repeated")
             assert page.widget("platoon_vehicle").value == 0
             page.choose("platoon_vehicle", 1)
@@ -370,7 +414,7 @@ class TestPage:
     def test_a_nonlinear_model_has_the_probabilities_of_the_speed(self) -> None:
         session = fitted()
         session.choose_model("idm")
-        answer(session)
+        train_at_once(session)
         open_page("Stability", session).choose("stability_speed", 30.0)
         source = known_vehicles(session.result).at_speed(30.0 / 3.6)
         there = open_page("Platoon", session).plain()

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from streamlit.proto.WidgetStates_pb2 import WidgetState, WidgetStates
 
-from accpinn.methods.registry import METHODS
 from accpinn.units import Seconds
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
@@ -21,7 +20,7 @@ PATIENCE: Seconds = 3.0
 """A task that takes longer is stopped."""
 STAY = 7
 """Mean number of steps on a page."""
-QUICK = ("maximum-likelihood", "least-squares", "splines")
+QUICK = ("pinn-fast", "least-squares", "splines")
 LEFT_OUT = ("data_download", "database_start", "database_form_start")
 """Buttons that reach the publisher, or run a batch."""
 TEXTS = ("", "1-2", "4, 1-2", "3 3 3", "alpha", "<b>*x*</b>", "π ≈ 3,14", "-1e9", "a" * 50)
@@ -83,7 +82,7 @@ def settle(session: Workspace) -> None:
 
 @pytest.mark.usefixtures("fresh_server")
 def test_no_control_of_any_page_ends_in_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("accpinn.tasks.METHODS", {key: METHODS[key] for key in QUICK})
+    monkeypatch.setattr("accpinn.tasks.COMPARED", QUICK)
     dice, session, trail = random.Random(SEED), with_sample(), list[str]()
     for title in (*PAGES, *dice.choices([*PAGES], k=PAGES_MORE)):
         page = open_page(title, session)

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,10 @@ import pandas as pd
 import pytest
 
 from accpinn import Parameters, load, render_report
+from accpinn.methods.estimate import Outcome
 from accpinn.results.figures.training import SIMULATION, driven
+from accpinn.results.messages import estimate as on_estimate
+from accpinn.results.messages import summary as on_result
 from accpinn.results.report import (
     bundle,
     curve_pictures,
@@ -24,6 +28,7 @@ from accpinn.results.report import (
 )
 from accpinn.results.tables.stability import GAIN
 from accpinn.results.vehicles import known_vehicles
+from accpinn.study.result import Result
 from accpinn.study.verification import PROMPT, Verification, verify
 from tests.support.html import Reader
 from tests.support.snapshots import (
@@ -58,7 +63,7 @@ def reader(page: str) -> Reader:
 
 
 def text_of(page: str) -> str:
-    return " ".join(text for _, text in Reader(page).texts)
+    return " ".join(text for inside, text in Reader(page).texts if inside != "script")
 
 
 def test_the_page_has_its_sections_whatever_is_known(reader: Reader) -> None:
@@ -83,6 +88,34 @@ def test_every_table_is_one_of_the_one_estimate() -> None:
     point = result_for(recommended().segments[0])
     beside = tables_of(replace(point, compared=(recommended(), point)))["methods_1"]
     assert [row[0] for row in beside.rows] == ["PiNN (calibrated preset)", "Least squares"]
+
+
+def lost() -> Result:
+    """An estimate that leaves the first follower's τ open."""
+    values = trained().parameters.values.copy()
+    values[0] = 0.0, 0.2, np.nan
+    return altered(trained(), parameters=Parameters.of(values), outcome=Outcome.STOPPED)
+
+
+@pytest.mark.parametrize("made", [small, trained, recommended, two_windows, lost])
+def test_every_table_and_sentence_is_whole_whatever_the_estimate_has(
+    made: Callable[[], Result],
+) -> None:
+    result = made()
+    shown = [
+        text
+        for table in tables_of(result).values()
+        for text in (table.to_text(), table.to_csv(), table.to_latex(), table.to_html())
+    ]
+    cards = [f"{card.lead} {card.trust}" for card in on_estimate.cards(result)]
+    cards += [f"{card.lead} {card.trust}" for card in on_estimate.cards(result, together=True)]
+    about = [on_estimate.about_estimate(result), on_estimate.assumption(result)]
+    checks = [why for check in on_result.checks(result) for why in check.why]
+    for text in (*shown, *cards, *about, *checks, *on_result.summary(result)):
+        assert text
+        assert not re.search(r"\bnan\b|\bNone\b|\binf\b", text)
+    has_intervals = result.posterior is not None
+    assert any("interval" in text for text in cards) == has_intervals
 
 
 def test_without_curves_no_series_is_in_the_page() -> None:

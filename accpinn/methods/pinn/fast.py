@@ -186,7 +186,8 @@ class FastTraining(LossTraining):
         """The output layers' optimum for some parameters."""
         fitted = []
         for k, (window, part) in enumerate(zip(self.surrogates, seen, strict=True)):
-            weights = self._output(window, part, solution, near and near.windows[k].weights)
+            former = near.windows[k].weights if near else None
+            weights = self._output(window, part, solution, former)
             fitted.append(Fitted(part, weights, self._motion(window, part, weights)))
         return Optimum(tuple(fitted), solution)
 
@@ -256,11 +257,8 @@ class FastTraining(LossTraining):
     def _descended(self, k: int) -> Seen:
         """Adam on the hidden layers of a window, on minibatches, everything else fixed."""
         config, window, data = self.config, self.surrogates[k], self.windows[k]
-        count, motion_at = len(data.measured), self._motion_of_hidden(k)
-        measured, theta = (
-            torch.from_numpy(data.measured),
-            torch.tensor(self._theta(self._best.solution)),
-        )
+        measured, motion_at = torch.from_numpy(data.measured), self._motion_of_hidden(k)
+        count, theta = len(measured), torch.tensor(self._theta(self._best.solution))
         mask = None if data.mask is None else torch.from_numpy(data.mask)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = np.random.default_rng((config.seed, self._iteration))

@@ -310,7 +310,10 @@ class LossTraining(Training):
             iteration=iteration,
             iterations=self.planned,
             seconds=0.0,
-            **terms.values(),
+            total=float(terms.total),
+            data=float(terms.data),
+            physics=float(terms.physics),
+            initial=float(terms.initial),
             parameters=parameters[:1] if self.case == "I" else parameters,
         )
         self.outcome = Outcome.FINISHED if iteration >= self.planned else None

@@ -81,9 +81,8 @@ def stability_table(
 
 
 def criteria_part(table: Table) -> Table:
-    """A `stability_table` without parameters and probabilities, where these stand elsewhere."""
-    aside = (PROBABILITY, VERDICT)
-    return table.only(lambda column: column.key not in PARAMETER_KEYS and column.title not in aside)
+    """A `stability_table` without α, β and τ, where these stand elsewhere."""
+    return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
 def known_table(subject: KnownVehicles) -> Table:

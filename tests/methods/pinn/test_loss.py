@@ -1,15 +1,17 @@
 """The loss Ψ against its formulas, and the exact solves, at whose ends it has no slope."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.loss import Motion, loss_terms, stack_outputs
-from accpinn.methods.pinn.projection import NormalEquations, solve_output
+from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.model.registry import FOLLOWING
 from accpinn.units import FloatArray
 from tests.support.methods import WEIGHTED
@@ -92,10 +94,14 @@ def test_the_output_layer_is_the_minimum(
 ) -> None:
     """Ψ is a sum of squares of what is linear in the weights: without slope it is least."""
     rng = np.random.default_rng(followers)
-    activations, rates = rng.standard_normal((2, 60, 7))
+    time = np.linspace(0.0, 8.0, 60)
     data = rng.standard_normal((60, 2 * followers + 1))
     theta = scale * rng.uniform(0, 2, (followers, 3))  # parameters at zero are no special case
     mask = rng.random((60, followers)) < 0.7 if masked else None
+    network = Network(followers, replace(FAST, width=5), 8.0)
+    projection = Projection(network, time, data, mask)
+    hidden = projection.hidden()
+    activations, rates = projection.seen(hidden).swapaxes(0, 1)
 
     def slopes(weights: FloatArray) -> FloatArray:
         """Those of Ψ along the weights of the output layer."""
@@ -105,6 +111,8 @@ def test_the_output_layer_is_the_minimum(
         terms = loss_terms(motion, torch.tensor(data), torch.tensor(theta), config, counts)
         return torch.autograd.grad(terms.total, [layer])[0].numpy()
 
-    sums = NormalEquations.of(np.stack([activations, rates], axis=1), data, mask)
-    solved = solve_output(sums, theta, config)
-    assert np.abs(slopes(solved)).max() < 1e-9 * np.abs(slopes(np.zeros_like(solved))).max()
+    solved = solve_output(projection.sums(hidden), theta, config)
+    assert np.abs(slopes(solved)).max() < 1e-8 * np.abs(slopes(np.zeros_like(solved))).max()
+    network.set_output(solved)
+    for part, curves in zip(projection.surrogate(hidden, solved), network(time), strict=True):
+        np.testing.assert_allclose(part, curves, atol=1e-9)

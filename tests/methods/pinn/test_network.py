@@ -10,6 +10,7 @@ import torch
 
 from accpinn import METHODS, PinnConfig, Segment, preset
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods.estimate import of_window
 from accpinn.methods.pinn.config import FAST, PAPER, PresetName
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
@@ -103,15 +104,17 @@ def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
 ) -> None:
     segment = sample(NOISY, 60.0).segment
     config = preset(name, iterations=10, layers=2, width=20)
-    fit = train(segment, "II", config, threads=1)
-    weights = [array for key, array in fit.arrays.items() if "hidden" in key and "weight" in key]
-    assert [array.shape[0] for array in weights] == [20, 20]
-    drawn = METHODS["pinn"].redraw(fit, segment.time, segment.window.duration)
-    np.testing.assert_allclose(drawn.gaps, fit.surrogate.gaps, atol=1e-9)
-    np.testing.assert_allclose(drawn.speeds, fit.surrogate.speeds, atol=1e-9)
-    for arrays in ({}, fit.arrays | {"output.bias": np.zeros(5)}):
+    estimate = train(segment, "II", config, threads=1)
+    arrays, (curves,) = of_window(estimate.arrays, 0), estimate.curves
+    assert [arrays[f"hidden.{k}.weight"].shape[0] for k in range(2)] == [20, 20]
+    drawn = METHODS["pinn"].redraw(estimate, 0, segment.time, segment.window.duration)
+    np.testing.assert_allclose(drawn.gaps, curves.gaps, atol=1e-9)
+    np.testing.assert_allclose(drawn.speeds, curves.speeds, atol=1e-9)
+    for arrays in ({}, estimate.arrays | {"window0.output.bias": np.zeros(5)}):
         with pytest.raises(ConfigError, match="train again"):
-            METHODS["pinn"].redraw(replace(fit, arrays=arrays), segment.time, 300.0)
+            METHODS["pinn"].redraw(replace(estimate, arrays=arrays), 0, segment.time, 300.0)
+    with pytest.raises(ConfigError, match="train again"):
+        METHODS["pinn"].redraw(estimate, 1, segment.time, segment.window.duration)
     with pytest.raises(ConfigError):
         preset(name, layers=7)
     with pytest.raises(ConfigError):
@@ -138,17 +141,29 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
 def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
     step = 0.5 if masked else 0.1
     with pytest.raises(SegmentError, match="GB of memory") as caught:
-        require_memory(of_length(200_000, step, masked), config, model)
+        require_memory([of_length(200_000, step, masked)], config, model)
     (longest,) = re.findall(r"at most ([\d,]+) s", str(caught.value))
     seconds = float(longest.replace(",", ""))
-    require_memory(of_length(seconds, step, masked), config, model)
+    require_memory([of_length(seconds, step, masked)], config, model)
     with pytest.raises(SegmentError):
-        require_memory(of_length(1.05 * seconds, step, masked), config, model)
+        require_memory([of_length(1.05 * seconds, step, masked)], config, model)
 
 
 def test_a_training_is_refused_before_its_work() -> None:
     with pytest.raises(SegmentError, match="take at most"):
         train(of_length(15_000))
-    require_memory(of_length(2_000), FAST)
+    require_memory([of_length(2_000)], FAST)
     with pytest.raises(SegmentError, match="take at most"):
         METHODS["pinn"].fit(of_length(2_000), settings=FAST, spec=ModelSpec("idm"))
+
+
+def test_the_memory_of_all_windows_counts_where_they_are_trained_together() -> None:
+    """The preset calibrated draws one network after the other."""
+    windows = (of_length(1_500),) * 40
+    with pytest.raises(SegmentError, match="40 windows .* GB .* take at most") as caught:
+        METHODS["pinn"].fit(windows, settings=FAST)
+    (most,) = re.findall(r"at most ([\d,]+) like", str(caught.value))
+    require_memory(windows[: int(most)], FAST)
+    with pytest.raises(SegmentError):
+        require_memory(windows[: int(most) + 1], FAST)
+    require_memory(windows, preset("calibrated"))

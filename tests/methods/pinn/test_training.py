@@ -1,7 +1,6 @@
 """Training, from request to result: what it recovers, how it ends, and how it goes on."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn import Case, Fit, Parameters, PinnConfig, Segment, Store, preset
+from accpinn import Case, Estimate, Parameters, PinnConfig, Segment, Store, preset
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import splines
@@ -25,7 +24,7 @@ from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.pinn.fast import FastTraining
 from tests.support.driving import LAW, MIXED, driven, segment_of
-from tests.support.methods import WEIGHTED, train
+from tests.support.methods import WEIGHTED, after, train
 from tests.support.snapshots import asked_of, bits
 
 SHORT = replace(PAPER, iterations=20)
@@ -38,60 +37,54 @@ def noisy() -> Segment:
 
 
 @cache
-def plain(config: PinnConfig = FAST) -> Fit:
+def plain(config: PinnConfig = FAST) -> Estimate:
     """One follower, trained without a store."""
     return train(noisy(), "II", config)
 
 
 @cache
-def fitted(case: Case = "II", config: PinnConfig = FAST) -> Fit:
+def fitted(case: Case = "II", config: PinnConfig = FAST) -> Estimate:
     """One follower for Case II, three different ones for Case I and II alike."""
     return train(driven(MIXED, noise=0.05), case, config)
 
 
-def after(count: int) -> Callable[[], bool]:
-    """A user who presses Stop when asked for the ``count``-th time after the first."""
-    asked = iter(range(count))
-    return lambda: next(asked, None) is None
-
-
-def lasting(fit: Fit) -> Any:
+def lasting(estimate: Estimate) -> Any:
     """All of it to the last bit, but for the time it took and what was found on the way."""
-    history = replace(fit.history, seconds=np.zeros(0))
-    return bits(replace(fit, seconds=0.0, findings=(), history=history))
+    history = replace(estimate.history, seconds=np.zeros(0))
+    return bits(replace(estimate, seconds=0.0, findings=(), history=history))
 
 
 class TestRecoversTheTruth:
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_as_well_as_the_limit_of_the_loss(self, case: Case) -> None:
-        fit, limit = fitted(case), splines.fit(driven(MIXED, noise=0.05), case)
-        distance = np.abs(fit.parameters.values / limit.parameters.values - 1).max(axis=0)
+        estimate, limit = fitted(case), splines.METHOD.fit(driven(MIXED, noise=0.05), case)
+        distance = np.abs(estimate.parameters.values / limit.parameters.values - 1).max(axis=0)
         assert (distance <= (0.002, 0.005, 0.002)).all()  # α, β, τ; we see a tenth of it
-        assert fit.loss["total"] == pytest.approx(limit.loss["total"], rel=0.02)
-        assert len(set(fit.parameters)) == (1 if case == "I" else 3)
-        assert fit.history.parameters.values.shape[1:] == (len(set(fit.parameters)), 3)
+        assert estimate.loss["total"] == pytest.approx(limit.loss["total"], rel=0.02)
+        assert len(set(estimate.parameters)) == (1 if case == "I" else 3)
+        assert estimate.history.parameters.values.shape[1:] == (len(set(estimate.parameters)), 3)
 
     def test_from_every_initial_value(self) -> None:
         for initial in ((0.0, 0.0, 0.0), (5.0, 5.0, 5.0)):
-            fit = train(noisy(), "II", preset("fast", initial=Parameters(*initial)))
-            np.testing.assert_allclose(fit.parameters.values[0], LAW, rtol=0.01)
+            estimate = train(noisy(), "II", preset("fast", initial=Parameters(*initial)))
+            np.testing.assert_allclose(estimate.parameters.values[0], LAW, rtol=0.01)
 
 
 class TestResult:
     def test_loss_is_the_sum_of_its_terms_and_ends_the_history(self) -> None:
-        fit = fitted()
-        terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
-        assert fit.loss["total"] == pytest.approx(terms, rel=1e-12)
-        assert fit.history.total[-1] == fit.loss["total"]
-        assert fit.history.parameters[-1] == fit.parameters
-        assert fit.loss["start"] > fit.loss["total"]
+        estimate = fitted()
+        terms = estimate.loss["data"] + estimate.loss["physics"] + estimate.loss["initial"]
+        assert estimate.loss["total"] == pytest.approx(terms, rel=1e-12)
+        assert estimate.history.total[-1] == estimate.loss["total"]
+        assert estimate.history.parameters[-1] == estimate.parameters
+        assert estimate.loss["start"] > estimate.loss["total"]
         weighted = fitted(config=WEIGHTED)
         assert weighted.loss["start"] > weighted.loss["total"]
-        assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
+        assert HiddenLayersGain(estimate.loss["start"], estimate.loss["total"]) in estimate.findings
 
     def test_initial_condition_binds_the_first_instant_when_weighted(self) -> None:
-        def first_error(fit: Fit) -> float:
-            return float(abs(fit.surrogate.gaps[0, 0] - noisy().gaps[0, 0]))
+        def first_error(estimate: Estimate) -> float:
+            return float(abs(estimate.curves[0].gaps[0, 0] - noisy().gaps[0, 0]))
 
         free, bound = plain(), train(noisy(), "II", preset("fast", weight_initial=100.0))
         assert free.loss["initial"] == 0
@@ -101,9 +94,9 @@ class TestResult:
 
 class TestEnds:
     def test_ends_with_the_first_cycle_that_moves_no_parameter(self) -> None:
-        fit = fitted()
-        assert fit.outcome is Outcome.CONVERGED
-        history = fit.history
+        estimate = fitted()
+        assert estimate.outcome is Outcome.CONVERGED
+        history = estimate.history
         cycles = np.flatnonzero(np.diff(history.iteration) == 50) + 1
         values = history.parameters.values
         moved = [np.abs(values[now] / values[now - 1] - 1).max() for now in cycles]
@@ -115,71 +108,73 @@ class TestEnds:
     ) -> None:
         seen: list[Progress] = []
         config = replace(config, initial=Parameters(0.3, 0.4, 1.1), iterations=13)
-        fit = train(noisy(), "II", config, on_progress=seen.append)
+        estimate = train(noisy(), "II", config, on_progress=seen.append)
         np.testing.assert_allclose(seen[0].parameters.values, [[0.3, 0.4, 1.1]], rtol=1e-12)
         iterations = [moment.iteration for moment in seen]
         assert (np.diff(iterations) > 0).all()
-        assert (iterations[0], iterations[-1], fit.iterations) == (0, 13, 13)
+        assert (iterations[0], iterations[-1], estimate.iterations) == (0, 13, 13)
         assert (np.diff([moment.seconds for moment in seen]) >= 0).all()
         assert {moment.iterations for moment in seen} == {13}
-        assert fit.outcome is Outcome.FINISHED
+        assert estimate.outcome is Outcome.FINISHED
         other = train(noisy(), "II", replace(config, seed=1))
-        assert other.parameters.values.tobytes() != fit.parameters.values.tobytes()
+        assert other.parameters.values.tobytes() != estimate.parameters.values.tobytes()
 
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
     def test_stopped_before_the_first_iteration_has_the_initial_values(
         self, config: PinnConfig
     ) -> None:
-        fit = train(noisy(), "II", config, should_stop=lambda: True)
-        assert fit.outcome is Outcome.STOPPED
-        assert fit.iterations == 0
-        assert fit.parameters.values.tolist() == [[1.0, 1.0, 1.0]]
+        estimate = train(noisy(), "II", config, should_stop=lambda: True)
+        assert estimate.outcome is Outcome.STOPPED
+        assert estimate.iterations == 0
+        assert estimate.parameters.values.tolist() == [[1.0, 1.0, 1.0]]
 
     @pytest.mark.parametrize("name", ["fast", "calibrated", "paper"])
     def test_numbers_beyond_reckoning_end_as_diverged(self, name: str) -> None:
         sane = noisy()
         absurd = segment_of(sane.time, sane.speeds, sane.gaps * 1e200)
-        fit = train(absurd, "II", preset(name, iterations=20))
-        assert fit.outcome is Outcome.DIVERGED
+        estimate = train(absurd, "II", preset(name, iterations=20))
+        assert estimate.outcome is Outcome.DIVERGED
 
 
 class TestBounds:
     def test_without_a_gain_on_the_gap_there_is_no_headway(self) -> None:
         segment = driven(((-0.002, 0.5, -5.0),))  # brakes a little, whatever the gap
-        fit = train(segment)
-        assert fit.active_bounds == (("α",),)
-        assert fit.parameters[0].alpha == 0
-        assert np.isnan(fit.parameters[0].tau)
-        assert fit.parameters[0].beta == pytest.approx(0.5, rel=0.01)
-        assert ClosedLoop.of(segment, fit).errors is None
+        estimate = train(segment)
+        assert estimate.active_bounds == (("α",),)
+        assert estimate.parameters[0].alpha == 0
+        assert np.isnan(estimate.parameters[0].tau)
+        assert estimate.parameters[0].beta == pytest.approx(0.5, rel=0.01)
+        assert ClosedLoop.of(segment, estimate).errors is None
 
     def test_the_paper_preset_never_leaves_them(self) -> None:
         seen: list[Progress] = []
         config = replace(
             SHORT, initial=Parameters(0.0, 0.01, 0.01), learning_rate=0.05, iterations=100
         )
-        fit = train(driven(((0.08, -0.03, 1.5),)), "II", config, on_progress=seen.append)
+        estimate = train(driven(((0.08, -0.03, 1.5),)), "II", config, on_progress=seen.append)
         assert all((moment.parameters.values >= 0).all() for moment in seen)
-        zero = {"α": fit.parameters[0].alpha == 0, "β": fit.parameters[0].beta == 0}
+        zero = {"α": estimate.parameters[0].alpha == 0, "β": estimate.parameters[0].beta == 0}
         for name, at_zero in zero.items():
-            assert (name in fit.active_bounds[0]) == at_zero
+            assert (name in estimate.active_bounds[0]) == at_zero
 
 
 class TestPaperPreset:
     def test_the_test_part_changes_nothing_and_its_errors_are_reported(self) -> None:
-        fit = plain(SHORT)
-        assert fit.arrays["test"].sum() == round(0.2 * 301)
-        assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
-        assert fit.loss["test_data"] > 0
-        assert fit.loss["test_physics"] >= 0
-        losses = fit.loss["test_data"], fit.loss["test_physics"]
-        assert HoldoutLoss(60, *losses) in fit.findings
+        estimate = plain(SHORT)
+        assert estimate.arrays["window0.test"].sum() == round(0.2 * 301)
+        assert estimate.arrays["window0.test"][0] == 0, (
+            "the first instant stays, as Ψ_R looks at it"
+        )
+        assert estimate.loss["test_data"] > 0
+        assert estimate.loss["test_physics"] >= 0
+        losses = estimate.loss["test_data"], estimate.loss["test_physics"]
+        assert HoldoutLoss(60, *losses) in estimate.findings
         bent = noisy().gaps.copy()
-        bent[fit.arrays["test"] == 1] += 50.0
+        bent[estimate.arrays["window0.test"] == 1] += 50.0
         other = train(segment_of(noisy().time, noisy().speeds, bent), "II", SHORT)
-        assert other.parameters.values.tobytes() == fit.parameters.values.tobytes()
-        assert other.loss["data"] == fit.loss["data"]
-        assert other.loss["test_data"] > fit.loss["test_data"] + 1000
+        assert other.parameters.values.tobytes() == estimate.parameters.values.tobytes()
+        assert other.loss["data"] == estimate.loss["data"]
+        assert other.loss["test_data"] > estimate.loss["test_data"] + 1000
 
     def test_lbfgs_goes_on_searching_after_adam(self) -> None:
         adam = train(noisy(), "II", replace(SHORT, iterations=60))
@@ -251,8 +246,8 @@ class TestCheckpoints:
             store.checkpoints(asked, pytest.fail),
             after(50 if config.weight_data[0] > 1 else 2),
         )
-        fit = train(noisy(), "II", config, checkpoints=kept, should_stop=stop)
-        assert fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED)
+        estimate = train(noisy(), "II", config, checkpoints=kept, should_stop=stop)
+        assert estimate.outcome in (Outcome.STOPPED, Outcome.DIVERGED)
         assert not [*store.folder.glob("*.state.npz")]
 
 
@@ -302,13 +297,13 @@ class TestSettings:
 
 def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() -> None:
     config = replace(FAST, learning_rate=1.0)
-    training = FastTraining(driven(MIXED, noise=0.05), "II", config)
+    training = FastTraining((driven(MIXED, noise=0.05),), "II", config)
     while training.progress.phase == "start" and training._starting:
         training.advance()
-    before, weights = training.progress, training.fit().arrays
+    before, weights = training.progress, training.estimate().arrays
     training.advance()
     assert training.outcome is Outcome.CONVERGED
     assert training.progress.total == before.total
     assert training.progress.parameters == before.parameters
-    for name, values in training.fit().arrays.items():
+    for name, values in training.estimate().arrays.items():
         np.testing.assert_array_equal(values, weights[name])

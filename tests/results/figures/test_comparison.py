@@ -1,49 +1,61 @@
-"""Figures of the answer and of methods side by side: what they draw is what was estimated."""
+"""Figures of estimates side by side: what they draw is what was estimated."""
+
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
-import accpinn
-from accpinn import Parameters, intervals, profiles
-from accpinn.inference.identifiability import INCREASE
-from accpinn.methods import recursive, splines
+from accpinn import Parameters
+from accpinn.methods import recursive
 from accpinn.results.figures import comparison as figures
-from accpinn.results.figures.comparison import JOINT_DRAWN, joint
-from tests.support.command import STUDY
+from accpinn.results.figures.comparison import EARLIER, INSIDE, JOINT_DRAWN, OUTSIDE, forest, joint
 from tests.support.figures import rectangles
 from tests.support.samples import NOISY, sample
+from tests.support.snapshots import recommended, result_for, two_windows
 
 COLOUR = "#0c7eae"
 SEGMENT, TRUE = sample(NOISY).segment, sample(NOISY).truth[0]
 TRUTH = Parameters.of(TRUE)
 
 
-def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
-    fit = splines.fit(SEGMENT)
-    uncertainty, found = intervals(SEGMENT, fit), fit.parameters.values[0]
-    row, old = ("PiNN (fast preset)", found), ("Before", 1.1 * found)
-    band = np.array([uncertainty.lower.values[0], uncertainty.upper.values[0]])
-    figure = figures.estimates([row], COLOUR, band, TRUE, [old])
+def test_points_are_marked_by_whether_they_lie_in_the_recommended_interval() -> None:
+    result = recommended()
+    speed = float(result.estimate.speeds[0])
+    first = figures.row_of(result, 0, speed)
+    spans = result.estimate.gains_and_gap(0)
+    np.testing.assert_allclose(first[1].T, [astuple(span)[:3] for span in spans])
+    value, _, high = first[1]
+    inside, away = ("Splines (own)", value), ("Least squares", np.array([*value[:2], 2 * high[2]]))
+    figure = figures.estimates([inside, away], COLOUR, first, TRUE, [("Before", value)])
     drawn = np.transpose([trace.x for trace in figure.data])
-    np.testing.assert_allclose(drawn, [found, 1.1 * found])
-    assert {tuple(trace.marker.symbol) for trace in figure.data} == {("circle", "circle-open")}
-    assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before"]
-    ends = [(band.x0, band.x1) for band in rectangles(figure)]
-    np.testing.assert_allclose(ends, band.T)
+    np.testing.assert_allclose(drawn, [value, value, away[1], value])
+    assert list(figure.data[0].y)[1:] == ["Splines<br>(own)", "Least squares", "Before"]
+    symbols = [list(trace.marker.symbol) for trace in figure.data]
+    assert symbols[0] == [INSIDE, INSIDE, INSIDE, EARLIER]
+    assert symbols[2] == [INSIDE, INSIDE, OUTSIDE, EARLIER]
+    for k, (trace, band) in enumerate(zip(figure.data, rectangles(figure), strict=True)):
+        ends = value[k] + np.array([-trace.error_x.arrayminus[0], trace.error_x.array[0]])
+        np.testing.assert_allclose(ends, first[1][1:, k])
+        assert (band.x0, band.x1) == pytest.approx(tuple(ends))
+        assert np.isnan(trace.error_x.array[1:]).all(), "the others are points"
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, TRUE)
-    beside = ("Beside", np.array([found, found - 1.0, found + 2.0]))
-    for trace in figures.estimates([beside], COLOUR, band).data:
-        np.testing.assert_allclose([trace.error_x.arrayminus, trace.error_x.array], [[1.0], [2.0]])
-    unbounded = band.copy()
-    unbounded[1, 2] = np.inf
+
+
+def test_without_a_recommended_estimate_there_are_points_alone() -> None:
+    point = figures.row_of(result_for(SEGMENT), 0, 20.0)
+    assert point[1].shape == (3,)
+    figure = figures.estimates([point], COLOUR)
+    assert not rectangles(figure)
+    assert {tuple(trace.marker.symbol) for trace in figure.data} == {(INSIDE,)}
+    unbounded = np.array([TRUE, [0.0, 0.0, 1.0], [0.1, 0.3, np.inf]])
     undetermined = ("Least squares", np.array([0.0, 0.2, np.nan]))
-    figure = figures.estimates([undetermined], COLOUR, unbounded)
+    figure = figures.estimates([undetermined], COLOUR, ("PiNN", unbounded))
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 
 def test_tracks_end_at_the_estimate_in_the_recordings_time() -> None:
-    track = recursive.fit(SEGMENT).track
+    track = recursive.fit((SEGMENT,)).track
     figure = figures.tracks([("A", track), ("B", track)], 0, TRUTH, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]
     last = track.parameters.values[-1, 0]
@@ -56,25 +68,32 @@ def test_tracks_end_at_the_estimate_in_the_recordings_time() -> None:
     assert [shape.y0 for shape in figure.layout.shapes] == list(TRUE)
 
 
-def test_profiles_reach_the_dashed_line_at_their_ends() -> None:
-    (found,) = profiles(SEGMENT)
-    lower, upper = np.array([0.0, 0.02, np.nan]), np.array([0.3, np.inf, np.nan])
-    figure = figures.profiles(found, COLOUR, lower, upper)
-    for one, trace in zip(found, figure.data, strict=True):
-        assert min(trace.y) < 10 * INCREASE
-        at_end = np.interp(one.upper, trace.x, trace.y)
-        assert at_end == pytest.approx(100 * INCREASE, rel=0.05)
-    bands = rectangles(figure)
-    assert [band.x0 for band in bands] == [0.0, 0.02], "the third has no interval"
-    assert bands[0].x1 == 0.3 < figure.layout.xaxis.range[1]
-    assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"
+def test_the_forest_has_each_windows_own_value_and_that_of_all() -> None:
+    result = two_windows()
+    estimate, known = result.estimate, result.posterior
+    figure = forest(result, 0, COLOUR)
+    (points,) = [trace for trace in figure.data if trace.mode == "markers"]
+    gaps = estimate.windows.time_gap(estimate.stated_speed)[:, 0]
+    np.testing.assert_allclose(points.y, gaps)
+    ends = points.y - points.error_y.arrayminus, points.y + points.error_y.array
+    low, high = known.windows_gap[:, :, 0]
+    np.testing.assert_allclose(ends, [np.minimum(low, gaps), np.maximum(high, gaps)])
+    span = estimate.time_gap(estimate.stated_speed, 0)
+    bands = [(min(trace.y), max(trace.y)) for trace in figure.data if trace.fill]
+    assert bands == [(span.further_lower, span.further_upper), (span.lower, span.upper)]
+    (line,) = [trace for trace in figure.data if trace.mode == "lines"]
+    assert list(line.y) == [span.value] * 2
+    point = replace(result, estimate=replace(estimate, posterior=None))
+    bare = forest(point, 0, COLOUR)
+    assert not [trace for trace in bare.data if trace.fill]
+    assert not bare.data[-1].error_y.array.any()
 
 
-def test_each_pair_of_the_answers_parameters_has_a_panel() -> None:
-    answer = accpinn.fit(STUDY, 0, 60, method="least-squares").answer
-    figure = joint(answer, 0, COLOUR)
+def test_each_pair_of_an_estimates_parameters_has_a_panel() -> None:
+    estimate = recommended().estimate
+    figure = joint(estimate, 0, COLOUR)
     clouds = [trace for trace in figure.data if len(trace.x) == JOINT_DRAWN]
-    points = [trace for trace in figure.data if len(trace.x) == 1]
+    points = [trace for trace in figure.data if trace.name == "estimate"]
     assert len(clouds) == len(points) == 10
-    assert (points[0].x[0], points[0].y[0]) == (answer.parameters.alpha, answer.parameters.beta)
-    assert np.isin(clouds[0].x, answer.typical.alpha[:, 0]).all()
+    assert (points[0].x[0], points[0].y[0]) == tuple(estimate.parameters.values[0, :2])
+    assert np.isin(clouds[0].x, estimate.posterior.typical.alpha[:, 0]).all()

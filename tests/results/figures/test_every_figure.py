@@ -18,12 +18,9 @@ import pytest
 from plotly.io import to_json
 from plotly.utils import PlotlyJSONEncoder
 
-from accpinn.evaluation.whiteness import residual_correlations
-from accpinn.inference import identifiability
-from accpinn.inference.answer import answer
-from accpinn.inference.intervals import intervals
-from accpinn.methods import recursive, splines
-from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.evaluation.residuals import residual_correlations
+from accpinn.methods import recursive
+from accpinn.model.published import ASTAZERO
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
@@ -34,13 +31,15 @@ from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
 from accpinn.results.figures.style import on_paper
-from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.groups import group
+from accpinn.study.result import Result
 from tests.results.figures.test_training import history
 from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
+from tests.support.snapshots import recommended, result_for
 from tests.support.studies import row, rows
 
 NAME = "<i>A</i>"
@@ -48,18 +47,30 @@ NAME = "<i>A</i>"
 COLOUR = "#0c7eae"
 SEGMENT = replace(sample(PLATOON, 60.0).segment, names=(NAME,) * 5)
 RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0))
-WITHOUT_UNIT = {"Iteration", "Loss", "Log evidence", "Gain", "Coherence", "Correlation"}
+WITHOUT_UNIT = {
+    "Iteration",
+    "Loss",
+    "Log likelihood minus its last value",
+    "Gain",
+    "Coherence",
+    "Correlation",
+}
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
 
 
 @cache
-def fitted() -> Any:
-    """A fit, its uncertainty, its vehicles and what is known of them."""
-    fit = splines.fit(SEGMENT)
-    vehicles, known = ParameterSet(NAME, SEGMENT.names[1:], fit.parameters), intervals(SEGMENT, fit)
-    subject = KnownVehicles(vehicles, known)
-    return SimpleNamespace(fit=fit, known=known, vehicles=vehicles, subject=subject)
+def point() -> Result:
+    """An estimate of a platoon without a posterior."""
+    return result_for(SEGMENT, "splines")
+
+
+@cache
+def known() -> Result:
+    """One of two followers with a posterior."""
+    result = recommended()
+    segment = replace(result.segments[0], names=(NAME,) * 3)
+    return replace(result, segments=(segment,), infos=(segment.info,))
 
 
 @cache
@@ -83,19 +94,14 @@ PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
     "animation.animation": lambda: animation.animation(*simulated(True)),
-    "comparison.forest": lambda: comparison.forest([SEGMENT.info], answer((SEGMENT,)), 0, COLOUR),
-    "comparison.joint": lambda: comparison.joint(answer((SEGMENT,)), 0, COLOUR),
+    "comparison.forest": lambda: comparison.forest(known(), 0, COLOUR),
+    "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
-        [(NAME, fitted().fit.parameters.values[0])], COLOUR,
-        np.array([fitted().known.lower.values[0], fitted().known.upper.values[0]]),
+        [(NAME, point().parameters.values[0])], COLOUR, comparison.row_of(known(), 0, 20.0)
     ),
-    "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit(SEGMENT).track)], 0),
+    "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit((SEGMENT,)).track)], 0),
     "comparison.residual": lambda: comparison.residual(
-        residual_correlations(SEGMENT, fitted().fit, 0), COLOUR
-    ),
-    "comparison.profiles": lambda: comparison.profiles(
-        identifiability.profiles(SEGMENT)[0], COLOUR, np.array([0.0, 0.02, np.nan]),
-        np.array([0.3, np.inf, np.nan]),
+        residual_correlations(SEGMENT, point().estimate, 0), COLOUR
     ),
     "database.forest": lambda: database.forest(grouped()),
     "database.plane": lambda: database.plane(rows(row(NAME, **PLACE))),
@@ -115,18 +121,25 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "recording.motion": lambda: on_recording.motion(SEGMENT.info, SEGMENT.measured),
     "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
-    "stability.bode": lambda: on_stability.bode(fitted().subject),
-    "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(fitted().subject),
-    "stability.stability_map": lambda: on_stability.stability_map(fitted().subject, 0, "beta"),
-    "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(fitted().vehicles),
+    "stability.bode": lambda: on_stability.bode(known_vehicles(known())),
+    "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
+        known_vehicles(known())
+    ),
+    "stability.stability_map": lambda: on_stability.stability_map(
+        known_vehicles(known()), 0, "beta"
+    ),
+    "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(
+        known_vehicles(known()).vehicles
+    ),
     "stability.measured_bode": lambda: on_stability.measured_bode(
         measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR
     ),
     "training.loss_history": lambda: on_training.loss_history(history()),
     "training.parameter_history": lambda: on_training.parameter_history(history(), 0, RUN_INFO),
     "training.tracking": lambda: on_training.tracking(
-        SEGMENT, 1, fitted().fit.surrogate, None, NAME, with_error=True
+        SEGMENT, 1, point().curves[0], None, NAME, with_error=True
     ),
+    "training.tracking_of": lambda: on_training.tracking_of(known(), 1),
 }  # fmt: skip
 RUN_INFO = replace(SEGMENT.info, names=(NAME,) * 3, vehicles=(1, 2, 3))
 

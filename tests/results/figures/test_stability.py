@@ -6,20 +6,20 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from accpinn.inference.intervals import Uncertainty, gain_band, intervals
-from accpinn.methods import splines
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import comparison as models
 from accpinn.results.figures import stability as figures
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import stability_at, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import FloatArray
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample
+from tests.support.snapshots import recommended, result_for
 from tests.support.vehicles import CALM, NO_REACTION, UNDAMPED, row
 
 REPORT = stability_report(ASTAZERO.parameters)
@@ -110,9 +110,8 @@ def test_boundaries_separate_stable_from_unstable(plane: figures.Plane, held: in
 
 @pytest.fixture(scope="module")
 def learned() -> tuple[ParameterSet, Uncertainty]:
-    segment = sample(PLATOON, 60.0).segment
-    fit = splines.fit(segment)
-    return ParameterSet("Learned", segment.names[1:], fit.parameters), intervals(segment, fit)
+    subject = known_vehicles(recommended())
+    return subject.vehicles, subject.uncertainty
 
 
 def test_bands_are_those_of_the_gain_beneath_the_curves(
@@ -168,6 +167,14 @@ def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> Non
     assert len(faint.x) == (~clear).sum()
     curve = named(figure, "Audi A6, model")
     np.testing.assert_allclose(curve.y, decibels(ASTAZERO.parameters[:1], curve.x)[0])
+
+
+def test_the_measured_gain_of_a_points_vehicles_is_drawn_at_recorded_speeds_alone() -> None:
+    subject = known_vehicles(result_for(sample(PLATOON).segment))
+    shown = figures.measured_of(subject)
+    assert [label for label, _, _ in shown] == [*subject.vehicles.labels]
+    assert figures.measured_of(replace(subject, speed=20.0)) == []
+    assert f"{subject.vehicles.labels[0]}, measured" in names(figures.bode(subject))
 
 
 def test_the_peak_gain_over_speed_has_its_band_and_the_recorded_speeds() -> None:

@@ -3,19 +3,18 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.methods import splines
+from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods.estimate import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import training
+from accpinn.results.figures.training import SIMULATION
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.cut import cut
 from tests.support.figures import named, names
 from tests.support.openacc_files import recording
-from tests.support.samples import NOISY, sample
+from tests.support.snapshots import recommended, result_for, trained, two_windows
 
 SEGMENT = cut(recording(), 0.0, 30.0)
 INFO = SEGMENT.info
@@ -44,17 +43,31 @@ def test_a_loss_that_is_unused_zero_or_infinite_is_omitted() -> None:
     assert training.loss_history(track).layout.yaxis.range is None
 
 
-def test_evidence_stands_beside_the_loss_and_gives_an_interval_that_narrows() -> None:
+def test_a_log_likelihood_stands_in_place_of_losses_and_bands_narrow() -> None:
     track = history()
-    figure = training.loss_history(replace(track, evidence=-track.total))
-    line = named(figure, "log evidence")
-    np.testing.assert_array_equal(line.y, track.total[-1] - track.total)
-    deviations = np.repeat(track.total[:, None, None], 2, axis=1) * np.ones(3)
+    nothing = np.full(40, np.nan)
+    track = replace(track, total=nothing, data=nothing, physics=nothing, initial=nothing)
+    rising = -(0.5 ** np.arange(40.0))
+    figure = training.loss_history(replace(track, log_likelihood=rising))
+    (line,) = figure.data
+    np.testing.assert_array_equal(line.y, rising - rising[-1])
+    low, high = figure.layout.yaxis.range
+    assert low < line.y[0] < line.y[-1] <= high
+    deviations = np.repeat(0.01 - rising[:, None, None], 2, axis=1) * np.ones(3)
     band = training.parameter_history(replace(track, deviations=deviations), 0, INFO).data[0]
     assert band.fill == "toself"
-    lower, upper = band.y[: len(track.total)], band.y[len(track.total) :][::-1]
+    lower, upper = band.y[:40], band.y[40:][::-1]
     assert (np.diff(np.log(upper / lower)) < 0).all()
     assert lower[-1] < 0.1 < upper[-1]
+
+
+def test_the_course_of_an_estimate_is_drawn_whatever_it_maximises() -> None:
+    for result, name in ((recommended(), "log likelihood"), (trained(), "total")):
+        figures = training.training_figures(result.history, result.info, result.estimate.model)
+        assert [*figures] == ["loss", *result.estimate.names]
+        (line,) = [t for t in figures["loss"].data if name in (t.name or t.hovertemplate)]
+        assert len(line.y) == len(result.history.iteration)
+        assert np.isfinite(figures["loss"].layout.yaxis.range).all()
 
 
 def test_each_model_has_the_curves_of_its_own_parameters() -> None:
@@ -62,9 +75,7 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
     own = np.linspace(model.typical, 2 * model.typical, 40)[:, None] * [[1.0], [1.5]]
     table = Parameters.of(np.concatenate([track.parameters.complete, own], axis=2))
     truth = Parameters.of(table.everything[-1])
-    figures = training.training_figures(
-        replace(track, parameters=table), INFO, "idm", truth, track.parameters[-1]
-    )
+    figures = training.training_figures(replace(track, parameters=table), INFO, "idm", truth)
     assert list(figures) == ["loss", *model.names]
     for k, parameter in enumerate(model.parameters):
         figure = figures[parameter.name]
@@ -72,41 +83,55 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
         for follower, trace in enumerate(figure.data):
             np.testing.assert_array_equal(trace.y, own[:, follower, k])
         lines = [line.y0 for line in figure.layout.shapes]
-        assert lines == truth.own[:, k].tolist(), "least squares has no such parameters"
+        assert lines == truth.own[:, k].tolist()
     assert [*training.training_figures(track, INFO)] == ["loss", "alpha", "beta", "tau"]
     assert names(training.parameter_history(history(sets=1), 2, INFO)) == [EVERY_FOLLOWER]
 
 
 def test_tracking_shows_data_network_and_simulation() -> None:
     curves = Trajectories(SEGMENT.time, SEGMENT.speeds + 1, SEGMENT.gaps + 1)
-    figure = training.tracking(SEGMENT, 1, curves, curves)
-    assert names(figure) == [*2 * ["data"], *2 * ["network"], *2 * ["closed-loop simulation"]]
+    alone = Trajectories(SEGMENT.time, SEGMENT.speeds[:, 1:] + 2, SEGMENT.gaps[:, 1:] + 2)
+    figure = training.tracking(SEGMENT, 1, curves, alone, with_error=True)
+    assert names(figure) == [*2 * ["data"], *3 * ["network"], *3 * [SIMULATION]]
     np.testing.assert_array_equal(figure.data[0].y, SEGMENT.gaps[:, 1])
-    np.testing.assert_array_equal(figure.data[1].y, SEGMENT.speeds[:, 2])
     np.testing.assert_array_equal(figure.data[2].y, SEGMENT.gaps[:, 1] + 1)
-    assert {*names(training.tracking(SEGMENT, 0, None, None, with_error=True))} == {"data"}
-    figure = training.tracking(INFO, 0, curves, None, with_error=True)
-    drawn = [(trace.name, trace.yaxis) for trace in figure.data]
-    assert drawn == [("network", "y"), ("network", "y2")]
-
-
-def test_the_error_has_a_panel_on_the_same_axis_of_time() -> None:
-    noisy = sample(NOISY).segment
-    fit = splines.fit(noisy)
-    simulated = closed_loop(noisy, fit)
-    figure = training.tracking(noisy, 0, fit.surrogate, simulated, "Splines", with_error=True)
-    assert {figure.layout.xaxis.matches, figure.layout.xaxis2.matches} == {"x3"}
+    np.testing.assert_array_equal(figure.data[3].y, SEGMENT.speeds[:, 2] + 1)
     errors = [trace for trace in figure.data if trace.yaxis == "y3"]
-    assert [trace.name for trace in errors] == ["Splines", "closed-loop simulation"]
-    assert np.abs(errors[1].y).max() == pytest.approx(np.abs(simulated.gaps - noisy.gaps).max())
+    np.testing.assert_allclose([np.mean(trace.y) for trace in errors], [1.0, 2.0])
+    assert {figure.layout.xaxis.matches, figure.layout.xaxis2.matches} == {"x3"}
+    assert {*names(training.tracking(SEGMENT, 0))} == {"data"}
+
+
+def test_the_simulation_is_that_of_the_estimate_behind_the_measured_vehicle_ahead() -> None:
+    for result in (recommended(), trained()):
+        estimate, segment = result.estimate, result.segments[0]
+        figure = training.tracking_of(result, 1)
+        pair = segment.pair(1)
+        alone = simulated(pair, estimate.model, estimate.parameters[[1]])
+        line = next(trace for trace in figure.data if trace.name == SIMULATION)
+        np.testing.assert_allclose(line.y, alone.gaps[:, 0])
+        network = next(trace for trace in figure.data if trace.name == "network")
+        np.testing.assert_allclose(network.y, result.curves[0].gaps[:, 1])
+        bands = [trace for trace in figure.data if trace.fill]
+        assert bool(bands) == (result.posterior is not None)
+
+
+def test_a_point_without_curves_has_data_and_simulation_and_each_window_its_own_chart() -> None:
+    assert {*names(training.tracking_of(result_for(SEGMENT), 0))} == {"data", SIMULATION}
+    result = two_windows()
+    second = training.tracking_of(result, 0, 1)
+    window = result.segments[1].window
+    assert (second.data[0].x[0], second.data[0].x[-1]) == (window.start, window.end)
+    assert not [trace for trace in second.data if trace.fill], "the band is that of the first"
+    assert "disturbance" in names(second)
 
 
 def test_tracking_runs_in_the_recordings_time_and_marks_a_collision() -> None:
     later = replace(SEGMENT, start=320.0)
-    gaps = SEGMENT.gaps.copy()
+    gaps = SEGMENT.gaps[:, :1].copy()
     gaps[100:] = -1.0
-    colliding = Trajectories(SEGMENT.time, SEGMENT.speeds, gaps)
-    assert "collision" not in names(training.tracking(later, 0, None, None, with_error=True))
+    colliding = Trajectories(SEGMENT.time, SEGMENT.speeds[:, :2], gaps)
+    assert "collision" not in names(training.tracking(later, 0, with_error=True))
     figure = training.tracking(later, 0, None, colliding, with_error=True)
     mark = named(figure, "collision")
     assert (mark.x[0], mark.y[0]) == (320.0 + SEGMENT.time[100], 0.0)
