@@ -133,10 +133,10 @@ class Analysis:
         estimate.
         """
         asked = replace(self, method=method, settings=_settings(method, settings))
-        usual, *others = METHODS[method].models(asked.settings)
+        able = METHODS[method].models(asked.settings)
         own = METHODS[self.method].models(self.settings)[0]
-        keeps = self.spec.model in others and self.spec != ModelSpec(own)
-        return asked if keeps else replace(asked, spec=ModelSpec(usual))
+        keeps = self.spec.model in able and self.spec != ModelSpec(own)
+        return asked if keeps else replace(asked, spec=ModelSpec(able[0]))
 
     @property
     def window(self) -> Window:

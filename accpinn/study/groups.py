@@ -196,7 +196,7 @@ def read_study(study: str | Path) -> pd.DataFrame:
     frame = frame.astype({column.name: float for column in COLUMNS if column.kind == "double"})
     request = read_request(folder)
     model = request.model if request else BEST
-    drawn = read_posteriors(folder, count_of(model))
+    drawn = read_posteriors(folder, model)
     places = frame[PLACE].itertuples(index=False, name=None)
     frame[POSTERIOR] = pd.Series([drawn.get(place) for place in places], frame.index, object)
     frame.attrs["model"] = model

@@ -258,9 +258,15 @@ class BatchEstimate:
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
         """How long it takes, to within a factor of two or so, with so many workers at a time."""
-        window = sum(METHODS[variant_of(name)[0]].typical_seconds for name in methods)
-        window += INTERVALS_SECONDS
+        window = sum(map(_typical_seconds, methods))
         return START + WITHOUT_BLOCKS * window * self.size / workers
+
+
+def _typical_seconds(name: str) -> Seconds:
+    """Those of a method in `VARIANTS`, with its intervals where it has some."""
+    key, config = variant_of(name)
+    kind = METHODS[key].posterior(config.to_json() if config else {})
+    return METHODS[key].typical_seconds + (INTERVALS_SECONDS if kind else 0.0)
 
 
 def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:

@@ -23,7 +23,8 @@ import numpy as np
 
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
-from accpinn.methods.registry import variant_name
+from accpinn.inference.window_posterior import count_of
+from accpinn.methods.registry import recommended_method, variant_name
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
@@ -49,8 +50,8 @@ create table answers
     (sha256 text, start real, leader integer, method text, key text, file text, vehicle integer,
      rows text, reason text, is_final integer, primary key (sha256, start, leader, method));
 create table posteriors
-    (sha256 text, start real, vehicle integer, draws blob,
-     primary key (sha256, start, vehicle));
+    (sha256 text, start real, vehicle integer, method text, model text, draws blob,
+     primary key (sha256, start, vehicle, method));
 pragma user_version = {FORMAT};
 """
 _NAME = re.compile(r"[^\W_][\w .()-]{0,59}")
@@ -200,8 +201,9 @@ class Study:
             places = ", ".join("?" * len(values))
             database.execute(f"insert or replace into answers values ({places})", values)
             for vehicle, draws in zip(followers, drawn, strict=False):
-                own = (*place[:2], vehicle, draws.tobytes())
-                database.execute("insert or replace into posteriors values (?, ?, ?, ?)", own)
+                own = (*place[:2], vehicle, place[-1], analysis.spec.model, draws.tobytes())
+                asked = "insert or replace into posteriors values (?, ?, ?, ?, ?, ?)"
+                database.execute(asked, own)
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
@@ -327,12 +329,19 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
             yield from map(msgspec.structs.asdict, _read_rows(document))
 
 
-def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], FloatArray]:
-    """The posterior draws (n, width) by SHA-256, start and vehicle; see `read_rows`."""
+def read_posteriors(folder: Path, model: str) -> dict[tuple[str, Seconds, int], FloatArray]:
+    """The posterior draws (n, p) of a model by SHA-256, start and vehicle; see `read_rows`.
+
+    Where several methods have some, they are those of the model's recommended method.
+    """
+    asked = (
+        "select sha256, start, vehicle, draws from posteriors where model = ? order by method = ?"
+    )
+    width, last = count_of(model), recommended_method(model)
     with _read(folder) as database:
         return {
             (sha256, start, vehicle): np.frombuffer(raw, "<f8").reshape(-1, width)
-            for sha256, start, vehicle, raw in database.execute("select * from posteriors")
+            for sha256, start, vehicle, raw in database.execute(asked, (model, last))
         }
 
 

@@ -98,7 +98,7 @@ def _ways_in(workspace: Workspace) -> None:
             icon="database",
             help="Page Database: every window of a folder of recordings, by make and model.",
         )  # fmt: skip
-        with st.container(horizontal=True):
+        with st.container(horizontal=True, vertical_alignment="center"):
             reproduction.table_buttons(workspace, "home")
 
 

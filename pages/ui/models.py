@@ -110,6 +110,7 @@ def _estimate_cars(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     better = [one for one in judged if one.is_clear and one.ranked[0].key != spec.model]
     if workspace.recording is None or not better:
         return
+    row = st.container(horizontal=True)
     for one in better:
         number, model = one.info.vehicles[1], one.ranked[0].key
         task = cars.get(number)
@@ -119,7 +120,7 @@ def _estimate_cars(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
         elif number in own and own[number].estimate.model == model:
             show_cards(own[number])
         else:
-            st.button(
+            row.button(
                 f"Estimate {one.info.labels[1]} with the {FOLLOWING[model].title}",
                 key=f"models_take_{number}", icon=":material/directions_car:",
                 on_click=workspace.estimate_car, args=(number, model),

@@ -39,15 +39,21 @@ def open_table(workspace: Workspace, run: paper.PrintedRun) -> None:
     """Choose of the open recording what a table takes, and the preset that gives it."""
     if workspace.recording:
         workspace.choose_all(run.analysis(workspace.recording))
+        workspace.choices.pop("train_tabs", None)  # the first has the table
 
 
 def table_buttons(workspace: Workspace, place: str) -> None:
     """A button for each table whose recording is at hand; it turns to page Train."""
+    said = False
     for item, run in TABLES.items():
         opening = find_run(workspace, run.campaign, run.file)
         here = workspace.recording and run.is_of(workspace.recording)
         if opening is None or (place == "data" and not here):
             continue
+
+        if not said:
+            st.caption("The paper's", width="content")
+            said = True
 
         def take(run: paper.PrintedRun = run, opening: Callable[[], None] = opening) -> None:
             opening()

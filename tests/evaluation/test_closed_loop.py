@@ -156,7 +156,9 @@ READERS: dict[str, Callable[[Segment], object]] = {
     "surrogate": lambda segment: surrogate_errors(
         [segment], replace(fit(), method="splines", curves=(closed_loop(whole(), fit()),))
     ),
-    "residual": lambda segment: residual_correlations(segment, fit(), 0)._asdict(),
+    "residual": lambda segment: [
+        np.append(one.values, one.limit) for one in residual_correlations(segment, fit(), 0)
+    ],
     "regression": lambda segment: Regression.of(segment).solve("II").theta,
     "hold-out": lambda segment: cross_validate([segment], lambda rest: fit()),
     "quality": assess_quality,

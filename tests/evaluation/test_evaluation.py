@@ -74,7 +74,7 @@ def test_of_several_windows_each_is_simulated_with_parameters_from_others(count:
     assert sorted(part.window.duration for part in parts) == durations
     errors = {part.window.start: part.errors.gap_mae.max() for part in parts}
     assert errors[starts[-1]] > 1.0
-    known = [out for out in left_out if starts[-1] in out][0]
+    known = next(out for out in left_out if starts[-1] in out)
     assert all(errors[start] < 0.02 for start in known if start != starts[-1])
     mean = np.average(
         [part.errors.gap_mae for part in parts],

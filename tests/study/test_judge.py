@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn import Analysis, Segment, Store, run
 from accpinn.errors import SegmentError, SnapshotError
 from accpinn.model.registry import BASES, FOLLOWING
 from accpinn.recordings import Window
@@ -14,9 +13,13 @@ from accpinn.recordings.openacc import read
 from accpinn.results.documents import judgement_document
 from accpinn.results.messages.summary import which_model
 from accpinn.results.report import tables_of
+from accpinn.segment import Segment
+from accpinn.study import Analysis
 from accpinn.study.judge import Describes, Subject, blocks, judge, subjects_of, wins
-from accpinn.study.snapshot import named, to_bytes
+from accpinn.study.run import run
+from accpinn.study.snapshot import prepare_snapshot, to_bytes
 from accpinn.study.snapshot import read as read_snapshot
+from accpinn.study.store import Store
 from accpinn.study.verification import Check, Verification, verify
 from tests.methods.test_simulation import TRUTHS
 from tests.support.following import driven
@@ -107,30 +110,28 @@ def test_a_judgement_is_kept_with_the_result(tmp_path: Path) -> None:
     recording = read(FOLDER / f"{PLATOON}.csv")
     result = run(Analysis.of(recording, vehicles="1-2", method="least-squares"), recording)
     subjects = subjects_of(recording, (1, 2), [Window(0.0, 300.0)])
-    *_, result.parts.judgements = judge(subjects, ["cthp", "cthp-s0"])
+    *_, before = judge(subjects, ["cthp", "cthp-s0"])
+    result = replace(result, judgements=before)
     store = Store(tmp_path)
     store.keep(result)
-    again = store.find(result.analysis)
-    assert again
-    assert again.parts.judgements
+    assert len(store.find(result.analysis).judgements) == 1
 
-    snapshot = read_snapshot(to_bytes(named(result)))
-    stored, before = snapshot.parts.judgements, result.parts.judgements
-    assert stored
-    for now, then in zip(stored, before, strict=True):
+    snapshot = read_snapshot(to_bytes(prepare_snapshot(result)))
+    for now, then in zip(snapshot.judgements, before, strict=True):
         assert now.findings == then.findings
         assert judgement_document(now) == judgement_document(then)
         table = tables_of(snapshot)[f"models_{now.info.vehicles[1]}"]
         assert now.info.labels[1] in table.to_text()
     assert judged_check(verify(snapshot)).cure == "--recording"
     assert judged_check(verify(snapshot, recording)).ok
-    first, *others = stored[0].scores
-    forged = replace(stored[0], scores=(replace(first, rmse=0.5 * first.rmse), *others))
-    snapshot.parts.judgements = (forged,)
-    assert not judged_check(verify(read_snapshot(to_bytes(snapshot)), recording)).ok
-    snapshot.parts.judgements = (replace(forged, windows=forged.windows[1:]),)
+    (stored,) = snapshot.judgements
+    first, *others = stored.scores
+    forged = replace(stored, scores=(replace(first, rmse=0.5 * first.rmse), *others))
+    changed = to_bytes(replace(snapshot, judgements=(forged,)))
+    assert not judged_check(verify(read_snapshot(changed), recording)).ok
+    fewer = replace(forged, windows=forged.windows[1:])
     with pytest.raises(SnapshotError, match="does not fit"):
-        read_snapshot(to_bytes(snapshot))
+        read_snapshot(to_bytes(replace(snapshot, judgements=(fewer,))))
 
 
 def judged_check(verification: Verification) -> Check:

@@ -21,14 +21,16 @@ from accpinn.errors import SnapshotError
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import VARIANTS
+from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.serial import Arrays
 from accpinn.study import Analysis
-from accpinn.study.result import Result
+from accpinn.study.result import Result, result_of
 from accpinn.study.run import estimate, run
 from accpinn.study.snapshot import (
     ARRAYS,
@@ -39,7 +41,7 @@ from accpinn.study.snapshot import (
     MOST_COMPUTED,
     SCHEMA,
     load,
-    named,
+    prepare_snapshot,
     save,
     to_bytes,
 )
@@ -51,6 +53,7 @@ from tests.support.command import loaded_after
 from tests.support.driving import MIXED, driven, standing_still
 from tests.support.holes import with_holes
 from tests.support.snapshots import (
+    altered,
     arrays_of,
     asked_of,
     bits,
@@ -92,11 +95,12 @@ def holed() -> Segment:
     return with_holes(driven(), {1: [Stretch(40, 80)], 2: [Stretch(20, 90)]})
 
 
-def undetermined(method: str, model: str, settings: Any = None) -> Result:
+def undetermined(method: str, model: str) -> Result:
     """Of vehicles that do not move."""
     still = standing_still(samples=601)
-    asked = replace(asked_of(still, method, settings), model=model, fitted=model)
-    return estimate(asked, (still,), context=TaskContext(threads=1))
+    asked = replace(asked_of(still, method), spec=ModelSpec(model))
+    found = estimate(asked, (still,), context=TaskContext(threads=1))
+    return result_of(asked, (still,), found)
 
 
 class TestRoundTrip:
@@ -113,33 +117,43 @@ class TestRoundTrip:
         "result",
         [
             partial(result_for, masked()),
-            partial(result_for, holed(), "maximum-likelihood"),
+            partial(result_for, holed(), "pinn"),
             partial(result_for, standing_still()),
-            partial(undetermined, "pinn", BEST, preset("calibrated")),
+            partial(undetermined, "pinn", BEST),
             *(partial(undetermined, "simulation", key) for key in ("fvdm", "idm")),
         ],
     )
-    def test_odd_data_and_answers(self, result: Callable[[], Result]) -> None:
-        before = named(result(), with_data=True)
+    def test_odd_data_and_estimates(self, result: Callable[[], Result]) -> None:
+        before = prepare_snapshot(result())
         after = load(to_bytes(before))
         assert bits(replace(after, digest="")) == bits(before)
 
     def test_every_method_and_preset(self) -> None:
-        asked = [(name, None) for name in METHODS if name != "pinn"]
-        asked += [("pinn", preset(name, iterations=3)) for name in ("fast", "calibrated", "paper")]
-        for method, settings in asked:
-            before = named(result_for(driven(MIXED[:2], 30.0), method, settings, "I"))
+        for method, settings in VARIANTS.values():
+            quick = settings and replace(settings, iterations=3)
+            before = prepare_snapshot(result_for(driven(MIXED[:2], 30.0), method, quick, "I"))
             assert bits(replace(load(to_bytes(before)), digest="")) == bits(before), method
+
+    def test_what_follows_from_a_file_is_what_followed_from_the_result(self) -> None:
+        before, after = two_windows(), load(to_bytes(two_windows()))
+        for name in ("parameters", "posterior", "uncertainty", "trust", "findings", "evaluation",
+                     "gap_band", "gain_checks", "qualities", "simulated"):  # fmt: skip
+            pair = ({"of": getattr(one, name)} for one in (before, after))
+            assert len({str(bits(one)) for one in pair}) == 1, name
 
     def test_it_opens_without_torch(self, tmp_path: Path) -> None:
         path = save(whole(), tmp_path / "whole.accpinn.zip")
         code = f"from accpinn.study.snapshot import load; load({str(path)!r}).parameters"
         assert not loaded_after(code, "torch")
 
-    def test_without_data_it_has_none_and_says_whose_they_are(self) -> None:
-        data = to_bytes(named(trained()))
-        assert load(data).segments == ()
-        assert not any("segments" in name for name in arrays_of(data))
+    def test_it_holds_the_windows_data_once_and_says_whose_they_are(self) -> None:
+        data = to_bytes(whole())
+        kept = [name for name in arrays_of(data) if "segments" in name]
+        assert sorted(kept) == ["segments.0.gaps", "segments.0.speeds", "segments.0.time"]
+        after = load(data)
+        np.testing.assert_array_equal(after.segments[0].speeds, whole().segments[0].speeds)
+        assert {row.segments for row in after.compared} == {after.segments}
+        assert after.recording is None
         assert b"CC BY 4.0" in members(data)[ATTRIBUTION]
         # Numbers may hold a short name by chance; texts hold what could tell of the machine.
         texts = [t for name, t in members(data).items() if name.endswith((".json", ".txt"))]
@@ -149,22 +163,20 @@ class TestRoundTrip:
             assert not any(re.search(word, text) for text in texts)
 
     def test_casale(self, casale: Recording, tmp_path: Path) -> None:
-        result = run(Analysis.of(casale, settings=preset("fast", iterations=60)), casale)
-        target = save(named(result), tmp_path / "casale.accpinn.zip")
-        assert target.stat().st_size < 400_000
+        asked = Analysis.of(casale, method="pinn", settings=preset("fast", iterations=60))
+        target = save(prepare_snapshot(run(asked, casale)), tmp_path / "casale.accpinn.zip")
+        assert target.stat().st_size < 500_000
         assert verify(load(target), casale).ok
 
     def test_what_cannot_be_kept_is_refused(self) -> None:
-        diverged = replace(trained(), fits=(replace(trained().fit, outcome=Outcome.DIVERGED),))
         with pytest.raises(SnapshotError, match="diverged"):
-            named(diverged)
+            prepare_snapshot(altered(trained(), outcome=Outcome.DIVERGED))
         for name, note in (("x" * 201, ""), ("", "x" * 10_001), (None, ""), ("\ud800", "")):
             with pytest.raises(SnapshotError, match=r"characters long|is no text"):
-                named(trained(), name, note)
+                prepare_snapshot(trained(), name, note)
         noisy = np.random.default_rng(0).standard_normal((LARGEST // 8, 1))
-        large = replace(small(), fits=(replace(small().fit, arrays={"w": noisy}),))
         with pytest.raises(SnapshotError, match="too large"):
-            to_bytes(large)
+            to_bytes(altered(small(), arrays={"w": noisy}))
 
 
 class TestPlaces:
@@ -281,29 +293,33 @@ FORGED: list[tuple[str, Any]] = [
     ("analysis.method", "magic"),
     ("analysis.vehicles", [2, 3]),
     ("analysis.windows", []),
+    ("analysis.spec.model", "magic"),
+    ("analysis.spec.fixed", [["s0", 4.0]]),
     ("infos.0.names.0", LONG),
     ("infos.0.vehicles", [1, 3]),
     ("infos.0.window.end", "inf"),
     ("infos.0.excluded_share", [0.0, 2.0]),
     ("facts", {"acc_flag": []}),
-    ("fits", []),
-    ("fits.0.method", "magic"),
-    ("fits.0.iterations", -1),
-    ("fits.0.findings", [{"type": "Other"}]),
-    ("fits.0.parameters", [[0.1], [0.1, 0.2]]),
-    ("fits.0.outcome", "__class__"),
-    *((f"fits.0.parameters.0.{k}", bad) for k in range(3)
+    ("estimate", None),
+    ("estimate.method", "magic"),
+    ("estimate.case", "I"),
+    ("estimate.spec.model", "cthp-s0"),
+    ("estimate.numbers", []),
+    ("estimate.iterations", -1),
+    ("estimate.findings", [{"type": "Other"}]),
+    ("estimate.parameters", [[0.1], [0.1, 0.2]]),
+    ("estimate.parameters", [[0.1, 0.2, 1.0]] * 2),
+    ("estimate.parameters", [[0.1, 0.2, 1.0, 0, 0, 0, 1, 1, 1, 1, 1]]),
+    ("estimate.outcome", "__class__"),
+    *((f"estimate.parameters.0.{k}", bad) for k in range(3)
       for bad in ("inf", -0.1, None, "x", [], 1e300)),
-    ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
-    ("fits.0.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
-    ("parts.uncertainty.level", 1.5),
-    ("parts.answer.level", 1.5),
-    ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
-    ("parts.uncertainty.peak_gain.lower", []),
-    ("parts.uncertainty.draws", "segments.0.speeds"),
-    ("parts.qualities.0.leader_deviation", 1e300),
-    ("parts.qualities", []),
-    ("parts.evaluation.closed_loop.gap_mae", []),
+    ("estimate.windows", []),
+    ("estimate.speeds", ["nan"]),
+    ("estimate.driven", [[1.0]]),
+    ("estimate.curves", [None, None]),
+    ("estimate.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
+    ("estimate.posterior", {}),
+    ("segments", []),
     ("segments.0.speeds", [[20.0, 20.0]] * 3),
     ("recording", {}),
 ]  # fmt: skip
@@ -314,7 +330,28 @@ class TestContents:
     def test_what_no_run_gives_is_refused(self, place: str, value: Any) -> None:
         assert "refused" in refused(resealed(lambda tree, _: put(tree, place.split("."), value)))
 
-    @pytest.mark.parametrize("name", ["analysis", "infos", "fits", "origin", "created", SPEEDS])
+    @pytest.mark.parametrize(
+        ("place", "value"),
+        [
+            ("level", 1.5),
+            ("level", "x"),
+            ("differ", []),
+            ("draws", [1.0, 2.0]),
+            ("windows_lower", [[[0.1, 0.1, 1.0]]]),
+            ("windows_gap", [[[1.0]]]),
+            ("typical", "segments.0.speeds"),
+        ],
+        ids=str,
+    )
+    def test_what_no_posterior_has_is_refused(self, place: str, value: Any) -> None:
+        def change(tree: Any, _: Arrays) -> None:
+            tree["estimate"]["posterior"][place] = value
+
+        assert "refused" in refused(resealed(change, to_bytes(two_windows())))
+
+    @pytest.mark.parametrize(
+        "name", ["analysis", "infos", "segments", "estimate", "origin", "created", SPEEDS]
+    )
     def test_a_part_or_an_array_that_is_missing(self, name: str) -> None:
         refused(resealed(lambda tree, arrays: (tree if name in tree else arrays).pop(name)))
 
@@ -329,9 +366,11 @@ class TestContents:
     def test_data_that_are_not_those_of_the_window(self, values: np.ndarray) -> None:
         refused(with_arrays(**{SPEEDS: values}))
 
-    def test_a_posterior_without_draws(self) -> None:
-        draws = small().uncertainty.draws.everything[:0]
-        refused(with_arrays(**{"parts.uncertainty.draws": draws}))
+    def test_a_posterior_without_draws_or_with_impossible_ones(self) -> None:
+        known = two_windows().posterior
+        for draws in (known.typical.everything[:0], -known.typical.everything):
+            forged = replace(known, typical=Parameters.of(draws))
+            refused(to_bytes(altered(two_windows(), posterior=forged)))
 
     def test_data_that_would_take_minutes_to_compute_anew(self) -> None:
         count = 1 + MOST_COMPUTED // small().info.followers
@@ -344,10 +383,10 @@ class TestContents:
 
     @pytest.mark.parametrize("value", [0.0, -1.0])
     def test_a_curve_whose_time_stands_still(self, value: float) -> None:
-        fit = whole().fit
-        still = replace(fit.surrogate, time=np.full_like(fit.surrogate.time, value))
-        forged = replace(whole(), fits=(replace(fit, surrogate=still),))
-        assert "do not follow each other" in refused(to_bytes(forged))
+        (curves,) = whole().curves
+        still = replace(curves, time=np.full_like(curves.time, value))
+        forged = to_bytes(altered(whole(), curves=(still,)))
+        assert "do not follow each other" in refused(forged)
 
     def test_results_within_results(self) -> None:
         row = replace(small(), compared=(small(),))
@@ -365,6 +404,13 @@ class TestContents:
         assert (after.name, after.info.names[1]) == (shown, shown)
         assert after.note == "a\ufffd[2J\ufffdb\nc"
 
-    def test_another_schema(self) -> None:
-        for schema, said in ((SCHEMA + 1, "update accpinn"), (SCHEMA - 1, "earlier accpinn")):
-            assert said in refused(resealed(lambda *_: None, schema=schema))
+    @pytest.mark.parametrize(
+        ("schema", "said"),
+        [
+            (SCHEMA - 1, "written by an earlier accpinn (schema 9, this one reads 10); learn and"),
+            (SCHEMA + 1, "written by a newer accpinn (schema 11, this one reads 10); update accp"),
+        ],
+    )
+    def test_another_schema_is_refused_in_one_sentence(self, schema: int, said: str) -> None:
+        """Whatever the file holds: of another schema nothing else is read."""
+        assert said in refused(sealed(b"{}", {}, schema))

@@ -13,8 +13,8 @@ from scipy.stats import beta, binom
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.inference.answer import car_of
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.typical import car_of
 from accpinn.model.registry import BEST
 from accpinn.model.spec import ModelSpec
 from accpinn.results.database import group_table
@@ -27,6 +27,7 @@ from accpinn.study.studies import (
     Failure,
     KnownFile,
     read_failures,
+    read_posteriors,
     read_request,
     read_rows,
     state_of,
@@ -38,7 +39,7 @@ from tests.support.command import Capture, document, refused
 from tests.support.studies import REQUEST, S0, analysis, row, rows, write_study
 
 
-def test_answers_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_place(
+def test_results_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with written(tmp_path, REQUEST) as study:
@@ -104,6 +105,26 @@ def test_what_a_file_holds_and_what_was_asked_last_are_found_again(tmp_path: Pat
             written(tmp_path, replace(REQUEST, **changes)).__enter__()
 
 
+def test_groups_are_of_the_draws_of_their_model_by_its_recommended_method(tmp_path: Path) -> None:
+    """Whichever came last: other methods have draws of the same windows, and of other models."""
+    asked = {name: analysis(method=name) for name in ("pinn", "simulation")}
+    of_idm = replace(asked["simulation"], spec=ModelSpec("idm"))
+    drawn = {"pinn": 1.0, "simulation": 2.0}
+    for order in (("pinn", "simulation"), ("simulation", "pinn")):
+        with written(tmp_path / order[0], REQUEST) as study:
+            for name in order:
+                draws = np.full((1, 4, 5), drawn[name])
+                study.add("a.csv", Computed(asked[name], [row("A", method=name)], draws))
+        (found,) = read_posteriors(tmp_path / order[0], BEST).values()
+        np.testing.assert_array_equal(found, np.full((4, 5), 1.0))
+        assert read_posteriors(tmp_path / order[0], "idm") == {}
+    with written(tmp_path / "idm", replace(REQUEST, model="idm")) as study:
+        study.add("a.csv", Computed(asked["pinn"], [row("A")], np.full((1, 4, 5), 1.0)))
+        study.add("a.csv", Computed(of_idm, [row("A")], np.full((1, 4, 5), 2.0)))
+    (found,) = read_posteriors(tmp_path / "idm", "idm").values()
+    np.testing.assert_array_equal(found, np.full((4, 5), 2.0))
+
+
 def spoilt(folder: Path, statement: str) -> Path:
     write_study(folder, row("A"))
     with closing(sqlite3.connect(folder / FILE)) as database, database:
@@ -158,17 +179,17 @@ def test_studies_are_listed_the_latest_first(tmp_path: Path) -> None:
     assert studies() == ("Meine Läufe (2)", "old")
 
 
-def test_the_answer_of_a_vehicle_is_that_of_its_windows() -> None:
+def test_the_estimate_of_a_vehicle_is_that_of_its_windows() -> None:
     rng = np.random.default_rng(1)
-    taus = 1.5 * np.exp(0.1 * rng.standard_normal(30))
+    taus = 1.5 * np.exp(0.1 * rng.standard_normal(12))
     given = rows(*(row("A", tau=float(tau)) for tau in taus), row("B", tau=1.2))
     many, single = group(given, ("make",)).groups
-    assert (many.values, many.windows, many.vehicles) == (("A",), 30, 1)
-    alone = car_of(np.array(given[POSTERIOR].tolist()[:30]), ModelSpec(BEST))
+    assert (many.values, many.windows, many.vehicles) == (("A",), 12, 1)
+    alone = car_of(np.array(given[POSTERIOR].tolist()[:12]), ModelSpec(BEST))
     np.testing.assert_array_equal(many.drawn.middle, alone.middle)
     tau = many.span("tau")
     assert tau.lower < 1.5 < tau.upper
-    assert tau.further_upper - tau.further_lower > 3 * (tau.upper - tau.lower)
+    assert tau.further_upper - tau.further_lower > 2 * (tau.upper - tau.lower)
     between = many.between_windows["time_gap"]
     assert between.lower < 0.1 * 1.5 / 1.68 < between.upper, "of τ + s₀/v"
     assert many.between_vehicles == {}
@@ -261,7 +282,7 @@ def test_what_counts_as_a_group_a_window_and_a_vehicle() -> None:
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
-    methods = ("least-squares", "splines")
+    methods = ("pinn", "simulation")
     longest = (row("C", model="Outlander PHEV, longest", method=key) for key in methods)
     return write_study(tmp_path, *(row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3)), *longest)
 

@@ -1,4 +1,4 @@
-"""A result on a page: cards and one table on the first screen, then curves, and tabs.
+"""A result on a page: cards and curves on the first screen, then one table, and tabs.
 
 `banner` and what is below it say of a restored result which one it is, and what would complete it.
 """
@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import streamlit as st
 
+from accpinn.findings import capital
 from accpinn.methods.estimate import History, Outcome, of_window
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
@@ -21,7 +22,6 @@ from accpinn.results.messages import estimate as words
 from accpinn.results.messages import incidents, messages, summary
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.estimates import name_of
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui import reproduction
 from pages.ui.components import frame, show
@@ -64,15 +64,16 @@ def show_result(
     show_cards(result)
     if next_step:
         next_step()
-    if not reproduction.show_table(result):
-        _show_table(result, truth)
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, info.labels[1:], f"{page}_follower")
         windows = [str(part.window) for part in result.infos]
         window = pick(workspace, windows, f"{page}_window", label="Window")
         _show_checks(result)
     _show_tracking(result, follower, window, f"{page}_tracking")
-    views: dict[str, Callable[[], None]] = {"Errors": lambda: _show_errors(result, follower)}
+    views: dict[str, Callable[[], None]] = {
+        "Numbers": lambda: _show_numbers(result, truth),
+        "Errors": lambda: _show_errors(result, follower),
+    }
     if history := result.history:
         views["Training"] = lambda: _show_history(result, history, truth, page)
     if estimate.windows is not None:
@@ -83,22 +84,27 @@ def show_result(
 
 
 def show_cards(result: Result) -> None:
-    """What is said first: what each car does, and how far to trust it."""
+    """What is said first: what each car does, what is against it, and on hovering all of that."""
+    fine = [trust.in_words for trust in result.trust if not trust.is_contradicted]
     with st.container(border=True, gap="xxsmall"):
         for card in words.cards(result, together=True):
-            lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))
-            mark = ":orange[:material/warning:] " if card.is_contradicted else ""
-            st.markdown(f"**{lead}**  \n{mark}:small[{trust}]")
+            said = f"**{escape_markdown(card.lead)}**"
+            if card.is_contradicted:
+                ends = (text for text in fine if card.trust.endswith(text))
+                against = escape_markdown(card.trust.removesuffix(next(ends, "")).strip())
+                said += f"  \n:orange[:material/warning:] :small[{against}]"
+            st.markdown(said, help=escape_markdown(card.trust))
 
 
-def _show_table(result: Result, truth: Parameters | None) -> None:
-    """The parameters, by what, and whether they are a point."""
+def _show_numbers(result: Result, truth: Parameters | None) -> None:
+    """The parameters, beside those that are printed where the paper took the same data."""
     info, estimate = result.info, result.estimate
-    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, estimate.case))
-    show.table(tables.parameter_table(result), colours)
-    made = [name_of(estimate), words.counted_windows(result), words.about_point(estimate)]
-    line = " · ".join(filter(None, made))
-    st.caption(escape_markdown(line), help=escape_markdown(words.about_estimate(result)))
+    if not reproduction.show_table(result):
+        colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, estimate.case))
+        show.table(tables.parameter_table(result), colours)
+    level = f"{100 * (estimate.level or 0):.0f} % intervals"
+    what = capital(words.about_point(estimate) or f"{level}, and that of a further window")
+    st.caption(escape_markdown(f"{what}."), help=escape_markdown(words.about_estimate(result)))
     if truth:
         st.caption(escape_markdown(words.about_truth(truth, estimate)))
 
@@ -143,10 +149,9 @@ def _show_outcome(outcome: Outcome) -> None:
 
 def _show_checks(result: Result) -> None:
     answers = summary.checks(result)
-    failing = [check.title.lower() for check in answers if check.passed is False]
-    colour, icon = MARKS[False if failing else True]
-    failed = f"{len(failing)} of {len(answers)} checks failed: {', '.join(failing)}"
-    said = failed if failing else "All checks passed"
+    failing = sum(check.passed is False for check in answers)
+    colour, icon = MARKS[not failing]
+    said = f"{failing} of {len(answers)} checks failed" if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for check in answers:
             colour, icon = MARKS[check.passed]

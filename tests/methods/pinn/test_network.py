@@ -160,7 +160,7 @@ def test_a_training_is_refused_before_its_work() -> None:
 def test_the_memory_of_all_windows_counts_where_they_are_trained_together() -> None:
     """The preset calibrated draws one network after the other."""
     windows = (of_length(1_500),) * 40
-    with pytest.raises(SegmentError, match="40 windows .* GB .* take at most") as caught:
+    with pytest.raises(SegmentError, match=r"40 windows .* GB .* take at most") as caught:
         METHODS["pinn"].fit(windows, settings=FAST)
     (most,) = re.findall(r"at most ([\d,]+) like", str(caught.value))
     require_memory(windows[: int(most)], FAST)
