@@ -19,9 +19,9 @@ from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
     "info": ("recordings", "what a recording holds, and warnings about it"),
-    "fit": ("estimation", "learn α, β and τ from a window of a recording"),
+    "fit": ("estimation", "learn each follower's parameters from windows of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
-    "compare": ("estimation", "all methods on the same window, side by side"),
+    "compare": ("estimation", "several methods on the same windows, side by side"),
     "batch": ("batch", "all windows of many recordings by several methods"),
     "table": ("batch", "what a batch says by make, model, setting, ..."),
     "stability": ("vehicles", "string stability of given parameters"),

@@ -1,4 +1,4 @@
-"""`fit`, `compare` and `starts`: parameters estimated from a window of a recording.
+"""`fit`, `compare` and `starts`: parameters estimated from windows of a recording.
 
 `compare --models` asks which car-following model describes each car, in windows left out.
 """
@@ -182,8 +182,8 @@ def _progress_bar() -> Iterator[OnProgress]:
             if now.phase != phase:
                 opened.close()
                 phase, bar = now.phase, opened.enter_context(
-                    tqdm(desc=now.phase, file=sys.stderr, bar_format=form, mininterval=0.2,
-                         disable=None)
+                    tqdm(desc=now.phase, total=now.iterations, file=sys.stderr, bar_format=form,
+                         mininterval=0.2, disable=None)
                 )  # fmt: skip
             bar.total = now.iterations
             bar.set_postfix_str(", ".join(_moment(now)), refresh=False)
@@ -194,12 +194,13 @@ def _progress_bar() -> Iterator[OnProgress]:
 
 def _moment(now: Progress) -> Iterator[str]:
     """Time left, log likelihood or loss, and the first parameters."""
-    left = now.left
-    if left is None and now.iteration:
+    if now.left is not None:
+        yield f"{tqdm.format_interval(now.left)} left"
+    elif now.iteration:  # a search ends before its last iteration once it has converged
         left = now.seconds / now.iteration * (now.iterations - now.iteration)
-    if left is not None:
-        yield f"{tqdm.format_interval(left)} left"
-    yield f"Ψ={now.total:.3g}" if isfinite(now.total) else f"log L={now.log_likelihood:.1f}"
+        yield f"at most {tqdm.format_interval(left)} left"
+    is_loss = isfinite(now.total)
+    yield f"loss {now.total:.3g}" if is_loss else f"log likelihood {now.log_likelihood:.1f}"
     first = now.parameters[0]
     yield f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
 

@@ -20,11 +20,13 @@ from accpinn.inference.intervals import FEW, LEVEL, effective_draws, within
 from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
 from accpinn.inference.window_posterior import (
     WindowPosterior,
+    coordinates_of,
     count_of,
     free_of,
     log_prior_of_likely,
     parameters_of,
     possible,
+    values_of,
     window_posterior,
 )
 from accpinn.methods import PosteriorKind, Segments, one_thread
@@ -37,6 +39,8 @@ from accpinn.units import FloatArray, Seconds, interval_ends
 LEFT_OUT, MOST_LEFT_OUT = 5, 150
 """Rounds of a chain that are left out for each window, and at most: many weak ones move it slowly.
 Of 22 windows s₀ was still half a deviation away after 20 rounds."""
+SHARES = np.linspace(0.0, 1.0, 11)
+"""λ."""
 SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
 EXACT = "posterior of the exact likelihood, and how windows of many cars differ"
@@ -172,7 +176,7 @@ def with_posterior(
     own = Parameters.of(np.array([window.estimates for window in windows]))
     if not estimate.following.is_cthp:
         own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
-    cars = [car_of(likely[:, k], spec) for k in followers]
+    cars = [_around(car_of(likely[:, k], spec), estimate, k, level) for k in followers]
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
         """(n, M) from coordinates (n, p) of each of M followers."""
@@ -290,6 +294,23 @@ def car_of(drawn: FloatArray, spec: ModelSpec) -> Car:
     covariance = np.zeros((size, count, count))
     covariance[:, np.outer(free, free)] = sampled.covariance.reshape(size, -1)
     return Car(value, covariance, further)
+
+
+def _around(car: Car, estimate: Estimate, follower: int, level: float) -> Car:
+    """The draws of a car, moved towards the estimate as far as its intervals need; see the head."""
+    spec = estimate.spec
+    values = np.array([estimate.values(estimate.parameters, n)[follower] for n in estimate.names])
+    if not (np.isfinite(values).all() and np.isfinite(car.value).all()):
+        return car
+    away = coordinates_of(spec, values) - car.value.mean(axis=0)
+    for share in SHARES:
+        value = car.value + share * away
+        drawn = values_of(spec, value)
+        lower, upper = interval_ends(drawn, level)
+        lower = np.where(values == 0.0, 0.0, lower)
+        if ((lower <= values) & (values <= upper)).all():
+            break
+    return car._replace(value=value, further=car.further + share * away)
 
 
 def _heterogeneity(drawn: FloatArray, spec: ModelSpec) -> float:

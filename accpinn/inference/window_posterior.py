@@ -34,6 +34,7 @@ from accpinn.methods import PosteriorKind, Segments, one_thread, simulation
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.series import determined_followers, series_of
+from accpinn.methods.state_space import LEAST
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import ModelSpec
@@ -237,6 +238,25 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
     complete[..., 3] = np.minimum(complete[..., 3], gap * AT_SPEED)
     complete[..., 2] = np.maximum(gap - complete[..., 3] / AT_SPEED, 0.0)
     return Parameters.of(complete)
+
+
+def values_of(spec: ModelSpec, phi: FloatArray) -> FloatArray:
+    """(.., p) the parameters at coordinates (.., p), in the order of their names."""
+    if not spec.following.is_cthp:
+        return np.asarray(np.moveaxis(spec.following.values_at(phi), 0, -1))
+    sets = parameters_of(spec.model, phi, AT_SPEED)
+    return np.stack([getattr(sets, name) for name in spec.following.names], axis=-1)
+
+
+def coordinates_of(spec: ModelSpec, values: FloatArray) -> FloatArray:
+    """(p,) the coordinates of parameters (p,); gains of zero count as the least of a search."""
+    if not spec.following.is_cthp:
+        kinds = spec.following.parameters
+        return np.array([kind.score(value) for kind, value in zip(kinds, values, strict=True)])
+    alpha, beta, tau, *terms = values
+    intercept = terms[0] if "s0" in spec.following.terms else 0.0
+    gap = max(tau + intercept / AT_SPEED, LEAST_GAP)
+    return np.array([*np.log([max(alpha, LEAST), max(beta, LEAST), gap]), *terms])
 
 
 def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:

@@ -96,6 +96,23 @@ class Undetermined(Finding, frozen=True):
     symbols: tuple[str, ...]
 
 
+class Implausible(Finding, frozen=True):
+    """Parameters of a model far outside what is known of cars, where only their direction shows."""
+
+    text = (
+        "{vehicle}: {symbols} of the {model} {verb} far outside what is known of cars, so these data"
+        " determine the direction and not the value."
+    )
+
+    vehicle: int
+    model: str
+    """Its title."""
+    symbols: tuple[str, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        return {"verb": "lies" if len(self.symbols) == 1 else "lie"}
+
+
 class FilterUncertain(Finding, frozen=True):
     """A filter's gain that is not significantly different from zero at the end."""
 
@@ -180,6 +197,7 @@ MethodFinding = (
     | BoundActiveAtTimes
     | WeaklyDetermined
     | Undetermined
+    | Implausible
     | FilterUncertain
     | FilterDiverged
     | SimulatedSeparately
@@ -471,7 +489,8 @@ class Estimate:
         Of one that they do not, the value is no finding.
         """
         symbol = next(p.symbol for p in self.following.parameters if p.name == name)
-        found = [f for f in self.findings if isinstance(f, Undetermined) and symbol in f.symbols]
+        kinds = Undetermined | Implausible
+        found = [f for f in self.findings if isinstance(f, kinds) and symbol in f.symbols]
         numbers = {finding.vehicle for finding in found}
         return not numbers & {0, self.numbers[follower]}
 

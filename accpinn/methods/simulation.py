@@ -41,6 +41,7 @@ from accpinn.errors import SegmentError
 from accpinn.methods import Method, Segments, TaskContext, one_thread
 from accpinn.methods.estimate import (
     Estimate,
+    Implausible,
     MethodFinding,
     Outcome,
     Progress,
@@ -65,6 +66,9 @@ LEAST_SPARE = 3
 """Least number of blocks beyond that of parameters for which Student's t is taken."""
 OPEN = 0.8
 """Posterior deviation, as a share of the prior's, from which a parameter is not determined."""
+IMPLAUSIBLE = 3.0
+"""Deviations of the prior beyond which the value of a parameter is none of a car's. A b of 77 m/s²
+of the IDM says that braking has no limit, as do all others that large."""
 LEAST_STRETCH = MEMORY
 """Shortest stretch between excluded instants that is simulated."""
 LEVEL = 0.9
@@ -167,6 +171,14 @@ class Optimum:
         """Symbols of the parameters that the data do not determine."""
         pairs = zip(self.model.parameters, self.determined, strict=True)
         return tuple(parameter.symbol for parameter, known in pairs if not known)
+
+    @property
+    def implausible(self) -> tuple[str, ...]:
+        """Symbols of those that are determined, yet far outside what is known of cars."""
+        far = self.determined & (np.abs(self.scores) > IMPLAUSIBLE)
+        far &= np.diag(self.covariance) > 0  # what is fixed was chosen
+        pairs = zip(self.model.parameters, far, strict=True)
+        return tuple(parameter.symbol for parameter, is_far in pairs if is_far)
 
 
 @one_thread
@@ -470,9 +482,11 @@ def fit(
     found = _searched(segments, case, spec, context.should_stop, note)
     findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
     for row, best in found:
+        vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
         if best.undetermined:
-            vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
+        if best.implausible:
+            findings.append(Implausible(vehicle, model.title, best.implausible))
     parameters = parameters_of([row for row, _ in found], [best.theta for _, best in found])
     symbols = tuple(parameter.symbol for parameter in model.parameters)
     for k in np.flatnonzero(np.isnan(parameters.alpha)):

@@ -372,6 +372,7 @@ def _check_estimate(estimate: Estimate, result: Result) -> None:
     asked, info, count = result.analysis, result.info, len(result.infos)
     same = (estimate.method, estimate.spec, estimate.case) == (asked.method, asked.spec, asked.case)
     _require(same, "its estimate is another one than was asked for")
+    _require(estimate.numbers == info.vehicles[1:], "its estimate is of other vehicles")
     _require(min(estimate.iterations, estimate.network_weights) >= 0, "a count is negative")
     _require(len(estimate.curves) in (0, count), "its curves differ in number")
     _require(len(estimate.active_bounds) in (0, info.followers), "its bounds differ in number")

@@ -35,7 +35,7 @@ OVERTAKEN = re.compile(r"/media/\w+\.(csv|tex|zip|html)$|source error - 404")
 new name. A button that offered nothing would fail the tests that press it."""
 CUT_OFF = "undefined"
 """What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
-ESTIMATES = "Probability of string stability"
+ESTIMATES = "Parameters (90"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""

@@ -93,7 +93,7 @@ class TestAsAProcess:
         os.close(terminal)
         assert running.wait() == 0
         bars = shown.decode()
-        assert re.search(r"parameters .*\d:\d\d left, log L=-?\d+\.\d, α=\d", bars)
+        assert re.search(r"parameters .*\d:\d\d left, log likelihood -?\d+\.\d, α=\d", bars)
         assert re.search(r"intervals 100%.* 1/1, 00:00 left", bars)
 
     @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
@@ -106,7 +106,7 @@ class TestAsAProcess:
         )
         os.close(seen)
         shown = b""
-        while not re.search(rb" [1-9]\d*/1000000, \d+:\d\d", shown):  # training is under way
+        while not re.search(rb" [1-9]\d*/1000000, at most \d", shown):  # training is under way
             shown += os.read(terminal, 4096)
         running.send_signal(signal.SIGINT)
         out, _ = running.communicate(timeout=60)

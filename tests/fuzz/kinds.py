@@ -38,16 +38,15 @@ from accpinn.segment.suggestion import Information, suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
 from accpinn.study.rows import COLUMNS
-from accpinn.study.snapshot import load, named, to_bytes
+from accpinn.study.snapshot import load, prepare_snapshot, to_bytes
 from accpinn.study.studies import FILE, Computed, KnownFile, read_failures, read_request, written
-from accpinn.study.verification import QUICK, verify
+from accpinn.study.verification import PROMPT, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.recordings import test_mapping as mappings
 from tests.support.command import strict
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
 from tests.support.snapshots import (
-    delayed,
     members,
     resealed,
     result_for,
@@ -145,8 +144,8 @@ def look_at(recording: Recording) -> None:
         information = Information.of(whole, label_regimes(whole, recording))
         suggest_window(recording, whole.vehicles, information)
         if not segment.blocks_missing:
-            fit = METHODS["least-squares"].fit(segment)
-            messages(fit.findings, segment)
+            estimate = METHODS["least-squares"].fit(segment)
+            messages(estimate.findings, segment)
 
 
 MAPPING = json.loads(mappings.MAPPING) | {"trajectory": "Run"}
@@ -193,8 +192,7 @@ def snapshots() -> tuple[bytes, ...]:
     facts = {"campaign": "X", "date": "2024-01-01", "acc_flag": 1, "distance_setting": "min",
              "samples": 41, "duration": 20.0, "sample_time": 0.5}  # fmt: skip
     rich = replace(result_for(small().segments[0], "splines"), compared=rows, facts=facts)
-    rich.parts.adequacy = delayed()
-    return small_bytes(), to_bytes(named(rich, with_data=True)), to_bytes(two_windows())
+    return small_bytes(), to_bytes(prepare_snapshot(rich)), to_bytes(two_windows())
 
 
 def draw_snapshot(draw: Random) -> bytes:
@@ -242,7 +240,7 @@ def spoil_arrays(arrays: Arrays, draw: Random) -> None:
 def use_snapshot(data: bytes, _: Path) -> bool:
     """Open it, check it, and make of it what the app and the command line make."""
     snapshot = load(data)
-    checked = verify(snapshot, refit_within=QUICK)
+    checked = verify(snapshot, refit_within=PROMPT)
     assert checked.sentence
     assert verification_table(checked).to_text()
     if len(data) % 16 == 0:  # it takes most of a second
@@ -265,7 +263,7 @@ def study_file() -> bytes:
     """The SQLite file that a batch of three windows leaves."""
     sample = {"string": "a", "bool": True, "int64": 2, "double": 0.2}
     cells = {column.name: sample[column.kind] for column in COLUMNS}
-    cells |= {"method": "maximum-likelihood", "p_l2_stable": 0.3}
+    cells |= {"method": "pinn", "p_l2_stable": 0.3}
     with TemporaryDirectory() as name:
         folder = Path(name)
         with written(folder, REQUEST) as study:

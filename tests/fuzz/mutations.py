@@ -21,7 +21,7 @@ TOKENS = (
 VALUES = (
     None, True, False, 0, -1, 1, 2**62, -(2**62), 0.0, -0.0, 1e308, -1e308, 1e-320, 1e40, 1e-40,
     0.5, "nan", "inf", "-inf", "", "x", "x" * 5000, "\x1b[31m", "\u202e", [], {}, [[]], [0.5] * 3,
-    "segment.speeds", "fit.surrogate.time",
+    "segments.0.speeds", "estimate.curves.0.time",
 )  # fmt: skip
 """What may stand in a JSON document."""
 

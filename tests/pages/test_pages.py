@@ -270,6 +270,7 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     session.choose(vehicles=(2, 3))
     session.preset = "fast"
     train_at_once(session)
+    session.choices["train_tabs"] = "Errors"
     for title in ("Train", "Stability"):
         assert "<td>Human</td>" in open_page(title, session).texts(), "the table carries it"
     session.choose(window=Window(0.0, 30.0))

@@ -237,7 +237,7 @@ def test_cars_come_from_several_results(title: str) -> None:
     page = open_page(title, session).choose(f"{title.lower()}_source", "several")
     said = headline(page)
     assert said.startswith("Cars from several results: ")
-    assert f"{own.info.labels[1]} (IDM)" in said
+    assert f"{own.info.labels[1]}: IDM" in said
     shown = parameters_from(session, "several", ())
     rows = session.result.parameters.complete.copy()
     rows[1] = own.parameters.complete[0]

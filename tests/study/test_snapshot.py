@@ -103,13 +103,19 @@ def undetermined(method: str, model: str) -> Result:
     return result_of(asked, (still,), found)
 
 
+def without_recording(result: Result) -> Result:
+    """As a file has it."""
+    compared = tuple(map(without_recording, result.compared))
+    return replace(result, recording=None, compared=compared)
+
+
 class TestRoundTrip:
     @pytest.mark.parametrize("make", [small, whole, two_windows])
     def test_every_bit_is_kept(self, make: Callable[[], Result]) -> None:
         data = to_bytes(make())
         after = load(data)
         assert (make().id, len(after.id)) == ("", 16)
-        assert bits(replace(after, digest="")) == bits(make())
+        assert bits(replace(after, digest="")) == bits(without_recording(make()))
         assert to_bytes(after) == data
         assert load(to_bytes(replace(after, note="another"))).digest != after.digest
 
@@ -326,7 +332,7 @@ FORGED: list[tuple[str, Any]] = [
 
 
 class TestContents:
-    @pytest.mark.parametrize(("place", "value"), FORGED, ids=str)
+    @pytest.mark.parametrize(("place", "value"), FORGED, ids=lambda part: str(part)[:40])
     def test_what_no_run_gives_is_refused(self, place: str, value: Any) -> None:
         assert "refused" in refused(resealed(lambda tree, _: put(tree, place.split("."), value)))
 

@@ -181,7 +181,7 @@ def _of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
         if check.vehicle == result.info.vehicles[k + 1]
     )
     models = (result.estimate.following.title for result, _ in cars)
-    said = ", ".join(f"{label} ({model})" for label, model in zip(labels, models, strict=True))
+    said = "; ".join(f"{label}: {model}" for label, model in zip(labels, models, strict=True))
     known = [(result.uncertainty, k) for result, k in cars]
     draws = [part.draws.complete[:, k] for part, k in known if part]
     uncertainty = None

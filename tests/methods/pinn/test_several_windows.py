@@ -16,7 +16,7 @@ from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.units import FloatArray
 from tests.methods.test_simulation import TRUTHS
-from tests.support.driving import LAW, MIXED, driven, in_turn
+from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
 from tests.support.following import driven as followed
 from tests.support.methods import WEIGHTED, after
 from tests.support.snapshots import asked_of, bits
@@ -58,12 +58,15 @@ def windows(case: Case = "II", noise: float = 0.05) -> Segments:
     return first, replace(second, mask=np.tile(counts[:, None], 2)), third
 
 
-def idm_windows(*seconds: float) -> Segments:
-    vehicles = FOLLOWING["idm"], TRUTHS["idm"][:1]
-    return tuple(
-        followed(*vehicles, 3 + seed, noise=0.03, seconds=lasts)[0]
-        for seed, lasts in enumerate(seconds)
-    )
+def by_idm(truth: FloatArray) -> Segments:
+    """Windows of 80 and 110 s of two vehicles (2, 5) one behind the other."""
+    segments = []
+    for seed, lasts in ((3, 80.0), (4, 110.0)):
+        ahead, behind = followed(FOLLOWING["idm"], truth, seed, noise=0.02, seconds=lasts)
+        speeds = np.column_stack([ahead.speeds, behind.speeds[:, 1]])
+        gaps = np.column_stack([ahead.gaps, behind.gaps])
+        segments.append(segment_of(ahead.time, speeds, gaps))
+    return tuple(segments)
 
 
 class TestTruth:
@@ -90,15 +93,17 @@ class TestTruth:
 
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_another_model_finds_it_and_keeps_what_is_fixed(self, case: Case) -> None:
-        segments = idm_windows(100.0, 140.0)
-        spec = ModelSpec.of("idm", {"b": 1.6})
-        estimate = fit(segments, case, spec=spec)
-        np.testing.assert_allclose(own_values(estimate), TRUTHS["idm"][:1], rtol=0.06)
-        assert own_values(estimate)[0, 1] == pytest.approx(1.6, rel=1e-12)
+        truth, spec = TRUTHS["idm"][[0, 0 if case == "I" else 1]], IDM
+        if case == "I":
+            spec = ModelSpec.of("idm", {"b": 1.6})
+        estimate = fit(by_idm(truth), case, spec=spec)
+        np.testing.assert_allclose(own_values(estimate), truth, rtol=0.06)
         assert estimate.spec == spec
-        alone = fit(segments[:1], case, spec=spec)
-        told = [f for f in alone.findings + estimate.findings if isinstance(f, Undetermined)]
-        assert all("b" not in finding.symbols for finding in told), "it is given"
+        assert len(np.unique(own_values(estimate), axis=0)) == (1 if case == "I" else 2)
+        if case == "I":
+            np.testing.assert_allclose(own_values(estimate)[:, 1], 1.6, rtol=1e-12)
+            told = [f for f in estimate.findings if isinstance(f, Undetermined)]
+            assert all("b" not in finding.symbols for finding in told), "it is given"
 
     def test_a_fixed_intercept_and_delay_keep_their_values(self) -> None:
         spec = ModelSpec.of("cthp-s0-delay", {"s0": 4.0, "delay": 0.1})
@@ -108,16 +113,16 @@ class TestTruth:
             np.testing.assert_allclose(parameters.delay, 0.1, rtol=1e-12)
 
     def test_paper_finds_it(self) -> None:
-        """In small networks on ten seconds each, for which hundreds of iterations do."""
+        """In small networks on eight seconds each, for which hundreds of iterations do."""
         drive = in_turn(((LAW,), 60.0), step=0.2)
         drive = replace(drive, gaps=drive.gaps + 4.0)
         config = replace(
-            PAPER, iterations=200, lbfgs_iterations=300, learning_rate=0.02, test_share=0.0,
+            PAPER, iterations=100, lbfgs_iterations=250, learning_rate=0.03, test_share=0.0,
             layers=2, width=10, initial=Parameters(0.2, 0.2, 1.2),
         )  # fmt: skip
         spec = ModelSpec.of("cthp-s0", {"s0": 4.0})
-        estimate = fit((drive.part(0, 51), drive.part(150, 201)), config=config, spec=spec)
-        np.testing.assert_allclose(estimate.parameters.values, [LAW], rtol=0.05)
+        estimate = fit((drive.part(0, 41), drive.part(150, 191)), config=config, spec=spec)
+        np.testing.assert_allclose(estimate.parameters.values, [LAW], rtol=0.1)
         assert estimate.parameters.s0 == pytest.approx(4.0)
 
 
