@@ -73,8 +73,8 @@ Drive = Callable[[Segment], FloatArray]
 """The gap (N, 1) in m that is predicted in a window (N,)."""
 Source = Callable[[Windows], Drive]
 """What some windows of a follower predict."""
-Inside = Mapping[str, Sequence[bool]]
-"""Whether each of several values lies in its interval, by the quantity's name."""
+Inside = dict[str, list[float]]
+"""Whether values lie in their intervals, 0 or 1, by the quantity's name; nan for an unknown one."""
 
 
 # What is judged: one function for each source of parameters.
@@ -173,9 +173,9 @@ class Scored(NamedTuple):
     """By source; empty with one window."""
     gains: dict[str, list[FloatArray]]
     """By source rms and peak error in dB, and log-likelihood above the CTHP's, of each stretch."""
-    further: dict[str, dict[str, list[bool]]]
+    further: dict[str, Inside]
     """By model and quantity, whether each left-out window is in the interval from the others."""
-    typical: dict[str, dict[str, list[bool]]]
+    typical: dict[str, Inside]
     """By model and quantity, whether the joint estimate of all windows is in its own interval."""
     own: FloatArray
     """(K, 6) estimates of the windows under the default model."""
@@ -256,15 +256,8 @@ def two_others(count: int, by: Callable[..., FloatArray]) -> FloatArray:
 
 def over_cars(cars: Sequence[tuple[str, ...]], values: FloatArray) -> tuple[float, float]:
     """Mean over cars of the mean of each one's values (n,), and its standard error."""
-    of_cars = [
-        np.nanmean(values[rows]) for rows in rows_of(cars) if np.isfinite(values[rows]).any()
-    ]
+    of_cars = [values[[of == car for of in cars]].mean() for car in dict.fromkeys(cars)]
     return float(np.mean(of_cars)), float(sem(of_cars))
-
-
-def rows_of(cars: Sequence[tuple[str, ...]]) -> list[list[int]]:
-    """The places of each car, in the order in which they appear first."""
-    return [[k for k, of in enumerate(cars) if of == car] for car in dict.fromkeys(cars)]
 
 
 def ratio(cars: Sequence[tuple[str, ...]], errors: FloatArray, reference: FloatArray) -> str:
@@ -294,9 +287,7 @@ def print_prediction(runs: Sequence[Scored]) -> None:
         mean, error = over_cars(cars, np.log(others / best))
         cells.append(f"{mean:+.3f} ± {error:.3f}")
         print(f"| {name} | {np.median(others):.2f} |", " | ".join(cells), "|")
-    print(
-        f"\n| missed more than {MISSED:g} times | window | RMSE [m] | one other [m] | own fit [m] |"
-    )
+    print("\n| missed | window | RMSE [m] | one other [m] | own fit [m] |")
     for name in JOINTS:
         for run in runs:
             errors = run.errors[name]
@@ -379,26 +370,26 @@ def quantities(model: str, sets: Parameters, speed: MetresPerSecond) -> dict[str
     return values | {"time gap": time_gap(model, sets, speed)}
 
 
-def is_inside(value: float, drawn: FloatArray) -> bool:
-    """Whether a value lies in the 90 % interval of draws (n,)."""
+def is_inside(value: float, drawn: FloatArray) -> float:
+    """Whether a value lies in the 90 % interval of draws (n,), 0 or 1; nan for nan."""
     lower, upper = interval_ends(drawn, LEVEL)
-    return bool(lower <= value <= upper)
+    return float(lower <= value <= upper) if np.isfinite(value) else np.nan
 
 
-def inside(model: str, sets: Parameters, drawn: Parameters, speed: float) -> dict[str, list[bool]]:
+def inside(model: str, sets: Parameters, drawn: Parameters, speed: float) -> Inside:
     """Whether each quantity of the sets (1,) lies in the interval of draws (n,)."""
     of_draws = quantities(model, drawn, speed)
     values = quantities(model, sets, speed)
     return {name: [is_inside(value[0], of_draws[name])] for name, value in values.items()}
 
 
-def gap_inside(model: str, window: Segment, drawn: Parameters) -> dict[str, list[bool]]:
+def gap_inside(model: str, window: Segment, drawn: Parameters) -> Inside:
     """Whether the window's mean measured time gap lies in that of draws (n,) at its speed."""
     of_draws = time_gap(model, drawn, float(median_speeds([window])[0]))
     return {"measured time gap": [is_inside(float(np.nanmean(window.time_gaps)), of_draws)]}
 
 
-def further_inside(windows: Windows, model: str) -> dict[str, list[bool]]:
+def further_inside(windows: Windows, model: str) -> Inside:
     """Whether left-out windows are in the interval for a further window from the others."""
     scored = list[Inside]()
     for window in windows:
@@ -408,13 +399,13 @@ def further_inside(windows: Windows, model: str) -> dict[str, list[bool]]:
     return merged(scored)
 
 
-def typical_inside(windows: Windows, model: str) -> dict[str, list[bool]]:
+def typical_inside(windows: Windows, model: str) -> Inside:
     """Whether the joint estimate is in its own interval of the typical value."""
     typical, _ = posterior(windows, model)
     return inside(model, joint(windows, model), typical, float(median_speeds(windows)[0]))
 
 
-def merged(parts: Iterable[Inside]) -> dict[str, list[bool]]:
+def merged(parts: Iterable[Inside]) -> Inside:
     """Several windows' or followers' values as one."""
     every = list(parts)
     return {name: [value for part in every for value in part[name]] for name in every[0]}
@@ -450,7 +441,7 @@ def print_shares(title: str, rows: Mapping[str, Inside]) -> None:
     """Print the shares of values in their intervals, one row each."""
     print(f"\n| {title} | number | inside [%] |")
     for name, values in rows.items():
-        shares = (f"{which} {100 * np.mean(row):.0f}" for which, row in values.items())
+        shares = (f"{which} {100 * np.nanmean(row):.0f}" for which, row in values.items())
         print(f"| {name} | {max(map(len, values.values()))} | {', '.join(shares)} |")
 
 
