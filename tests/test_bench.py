@@ -1,6 +1,7 @@
 """The recordings of the benchmarks are what they say, and figures are counted right."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import LeaderProfile
+from accpinn.segment import Segment
 from bench import __main__ as command_line
-from bench import coverage
+from bench import coverage, prediction
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import FIXED, Measurement, Released, show
+from tests.support.driving import MIXED, driven
 
 
 def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
@@ -46,6 +49,77 @@ class TestCoverage:
         assert not found["mean error of α, maximum-likelihood"].within
         assert found["mean error of time gap, splines"].value == pytest.approx(-20.0)
         assert found["mean error of time gap, splines"].within
+
+    def test_fewer_cars_than_many_have_no_limit(self) -> None:
+        assert coverage.covered("typical α", np.zeros(20, bool), None).within
+        assert not coverage.covered("typical α", np.zeros(20, bool), coverage.EACH).within
+
+    def test_windows_of_a_car_differ_about_its_typical_values(self) -> None:
+        calm = Disturbance(1e-9, 4.0)
+        typical, further, segments = coverage.windows_of_car(0, 2, calm)
+        assert typical.values == pytest.approx(coverage.SETS.values[0])
+        estimates = [prediction.joint([segment], "cthp") for segment in segments]
+        for values in (*estimates, further):
+            away = np.log(values.values / typical.values) / coverage.BETWEEN
+            assert np.all((np.abs(away) > 0.01) & (np.abs(away) < 4.0))
+
+
+class TestPrediction:
+    """Windows are predicted by parameters from others, and means are those over cars."""
+
+    WINDOWS = tuple(replace(driven(), start=100.0 * k) for k in range(5))
+
+    @staticmethod
+    def known(windows: Sequence[Segment]) -> prediction.Drive:
+        """Misses each of these windows by 1 m, any other by 2 m and 1 m for each of these."""
+        starts = {window.start for window in windows}
+        return lambda w: w.gaps + (1.0 if w.start in starts else 2.0 + len(starts))
+
+    def test_a_left_out_window_is_predicted_by_the_others_alone(self) -> None:
+        errors = prediction.errors_of(self.WINDOWS, self.known)
+        for part, value in (
+            ("own", 1.0), ("whole", 1.0), ("one_other", 3.0), ("two", 4.0), ("others", 6.0)
+        ):  # fmt: skip
+            assert getattr(errors, part) == pytest.approx(np.full(5, value)), part
+
+    def test_two_of_two_other_windows_are_no_row_of_their_own(self) -> None:
+        assert np.isnan(prediction.errors_of(self.WINDOWS[:3], self.known).two).all()
+
+    def test_one_other_window_is_the_geometric_mean_over_all(self) -> None:
+        one = np.array([[7.0, 1.0, 4.0], [3.0, 7.0, 3.0], [2.0, 8.0, 7.0]])
+        errors = prediction.Errors(one, *np.full((3, 3), np.nan))
+        assert errors.one_other == pytest.approx([2.0, 3.0, 4.0])
+        assert errors.own == pytest.approx([7.0, 7.0, 7.0])
+
+    def test_each_car_counts_once(self) -> None:
+        cars = [("A", "x")] * 3 + [("B", "x")]
+        values = np.array([1.0, 1.0, 1.0, 3.0])
+        assert prediction.over_cars(cars, values) == pytest.approx((2.0, 1.0))
+        assert prediction.ratio(cars, np.exp(values), np.ones(4)) == "7.389 ± 7.389"
+
+    def test_what_is_excluded_does_not_count_and_what_diverges_counts_as_the_largest(self) -> None:
+        mask = np.ones_like(driven().gaps, bool)
+        mask[:300] = False
+        window = replace(driven(), mask=mask)
+        step = np.where(np.arange(window.samples) < 300, 50.0, 2.0)[:, None]
+        assert prediction.rmse(lambda w: w.gaps + step, window) == pytest.approx(2.0)
+        assert prediction.rmse(lambda w: w.gaps * np.nan, window) == prediction.LARGEST
+
+    @pytest.mark.parametrize("source", [prediction.likelihood, prediction.simulation])
+    def test_a_car_that_obeys_the_model_is_predicted_by_its_other_window(
+        self, source: prediction.Estimator
+    ) -> None:
+        first, second = (driven(MIXED[:1], 120.0).part(k, k + 600) for k in (0, 600))
+        drive = prediction.driven(source, "cthp", [first])
+        assert prediction.rmse(drive, second) < 0.05
+        assert prediction.rmse(prediction.constant_time_gap([first]), second) > 0.5
+
+    def test_the_measured_time_gap_is_held_against_a_further_windows(self) -> None:
+        window = driven()
+        mean = float(np.nanmean(window.time_gaps))
+        for gap, expected in ((mean, True), (mean + 0.2, False)):
+            draws = Parameters(*np.ones((2, 400)), np.linspace(gap - 0.1, gap + 0.1, 400))
+            assert prediction.gap_inside("cthp", window, draws) == {"measured time gap": [expected]}
 
 
 class TestDisturbedRecordings:
