@@ -19,6 +19,7 @@ import numpy as np
 from accpinn.errors import AccpinnError
 from accpinn.inference.population import PARTS, Population, sampled_population
 from accpinn.inference.window_posterior import count_of, log_prior_of_likely, window_posterior
+from accpinn.methods import PosteriorKind
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings.files import read
@@ -80,8 +81,10 @@ def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, Float
     """(K, n, p) draws of `likely` of the K windows of each car, of all its runs in a campaign."""
     together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
+        kind: PosteriorKind = "likelihood" if model in CTHPS else "simulation"
         drawn = [
-            window_posterior(segment, "II", ModelSpec(model)).likely[0] for segment in segments
+            window_posterior(segment, "II", ModelSpec(model), kind).likely[0]
+            for segment in segments
         ]
         together[car[:2]] += [rows for rows in drawn if np.isfinite(rows).all()]
     return {car: np.array(drawn) for car, drawn in together.items() if drawn}

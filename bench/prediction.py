@@ -31,6 +31,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -39,14 +40,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import sem
 
-from accpinn.inference.answer import answer
 from accpinn.inference.gain_check import LEAST, compared, decibels
-from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import log_prior_of_features
 from accpinn.inference.window_posterior import parameters_of, window_posterior
-from accpinn.methods.least_squares import fit as least_squares
-from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.joint_likelihood import joint_maxima
+from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.methods.series import determined_followers
 from accpinn.methods.simulation import estimates
 from accpinn.model.cthp import Parameters
@@ -55,8 +56,10 @@ from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
+from accpinn.study import Analysis, Source
 from accpinn.study.judge import LARGEST, LONGEST_STRETCH, STRETCH
-from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
+from accpinn.study.run import estimate
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds, interval_ends
 from bench.population import LONGEST, Car, learn, windows_of
 
 SHORTEST: Seconds = 80.0
@@ -71,7 +74,7 @@ Estimator = Callable[[Windows, str], Parameters]
 """The parameters (1,) of a model, by its key, from some windows of a follower."""
 Drive = Callable[[Segment], FloatArray]
 """The gap (N, 1) in m that is predicted in a window (N,)."""
-Source = Callable[[Windows], Drive]
+Predictor = Callable[[Windows], Drive]
 """What some windows of a follower predict."""
 Inside = dict[str, list[float]]
 """Whether values lie in their intervals, 0 or 1, by the quantity's name; nan for an unknown one."""
@@ -92,15 +95,18 @@ def simulation(windows: Windows, model: str) -> Parameters:
     return FOLLOWING[model].linearisations(best.theta[:, None], median_speeds(windows))
 
 
-def former(windows: Windows, model: str) -> Parameters:
-    """(1,) the mean of the population's draws."""
-    return answer(windows, "II", model).parameters
-
-
 def posterior(windows: Windows, model: str) -> tuple[Parameters, Parameters]:
     """(n,) draws of the typical value, and of what a further window has."""
-    drawn = answer(windows, "II", model)
+    drawn = estimated(windows, model).posterior
+    assert drawn is not None  # as the recommended method of every model has one
     return drawn.typical[:, 0], drawn.further[:, 0]
+
+
+def estimated(windows: Windows, model: str) -> Estimate:
+    """The recommended estimate of a model from some windows, with its posterior."""
+    asked = Analysis(Source(windows[0].source, "", None, ""), windows[0].vehicles, ())
+    asked = replace(asked, spec=ModelSpec(model)).with_method(recommended_method(model))
+    return estimate(replace(asked, windows=tuple(w.window for w in windows)), tuple(windows))
 
 
 def joint(windows: Windows, model: str) -> Parameters:
@@ -127,11 +133,10 @@ def driven(estimator: Estimator, model: str, windows: Windows) -> Drive:
 
 
 REFERENCE, JOINT = f"{PAPER}, likelihood", f"{BEST}, likelihood"
-SOURCES: Mapping[str, Source] = {
+SOURCES: Mapping[str, Predictor] = {
     "constant time gap": constant_time_gap,
     **{f"{m}, likelihood": partial(driven, likelihood, m) for m in (PAPER, "cthp-s0", BEST)},
     **{f"{m}, simulation": partial(driven, simulation, m) for m in ("cthp-s0", "idm", "fvdm")},
-    **{f"{m}, former answer": partial(driven, former, m) for m in (BEST, "idm")},
 }
 JOINTS = tuple(name for name in SOURCES if name.endswith(("likelihood", "simulation")))
 """Sources that maximise one criterion of all windows."""
@@ -219,7 +224,7 @@ def rmse(drive: Drive, window: Segment) -> Metres:
     return rms(errors[window.counts].clip(-LARGEST, LARGEST))
 
 
-def errors_by(windows: Windows, source: Source) -> Callable[..., FloatArray]:
+def errors_by(windows: Windows, source: Predictor) -> Callable[..., FloatArray]:
     """The errors (K,) in all windows by the source's parameters from windows of given numbers."""
 
     @cache
@@ -230,7 +235,7 @@ def errors_by(windows: Windows, source: Source) -> Callable[..., FloatArray]:
     return by
 
 
-def errors_of(windows: Windows, source: Source) -> Errors:
+def errors_of(windows: Windows, source: Predictor) -> Errors:
     """The errors in each window by the source's parameters from some of them."""
     each, by = range(len(windows)), errors_by(windows, source)
     return Errors(
@@ -340,13 +345,12 @@ def _gains(stretch: Segment, within: Windows) -> Iterator[tuple[str, FloatArray]
         gain = decibels(np.abs(frequency_response(parameters, omega)[0]))
         return np.array([rms(gain - reference), gain.max() - reference.max(), likelihood])
 
-    yield "least squares", figures(least_squares(stretch).parameters)
+    yield "least squares", figures(METHODS["least-squares"].fit(stretch).parameters)
     maxima = {model: joint_maxima((stretch,), "II", ModelSpec(model))[0] for model in CTHPS}
     for model, maximum in maxima.items():
         more = maximum.log_likelihood - maxima[PAPER].log_likelihood
         yield model, figures(Parameters.of(maximum.complete[None]), more)
     yield JOINT, figures(likelihood(within, BEST))
-    yield f"{BEST}, former answer", figures(former(within, BEST))
 
 
 def print_gains(runs: Sequence[Scored]) -> None:

@@ -100,8 +100,8 @@ class Implausible(Finding, frozen=True):
     """Parameters of a model far outside what is known of cars, where only their direction shows."""
 
     text = (
-        "{vehicle}: {symbols} of the {model} {verb} far outside what is known of cars, so these data"
-        " determine the direction and not the value."
+        "{vehicle}: {symbols} of the {model} {verb} far outside what is known of cars, so these"
+        " data determine the direction and not the value."
     )
 
     vehicle: int
