@@ -67,8 +67,8 @@ def record(seed: int, disturbance: Disturbance, model: str = PAPER) -> dict[str,
     """Simulate one recording and estimate α, β and the time gap.
 
     Returns:
-        (3,) each: the truth, both ends of the intervals of the window by itself, and the estimate by
-        each method.
+        (3,) each: the truth, both ends of the intervals of the window by itself, and the estimate
+        by each method.
     """
     true = SETS[seed % len(SETS)]
     segment = disturbed([true], seed, disturbance)

@@ -56,7 +56,7 @@ def _report(start: Seconds) -> Spent:
     result = fit(SAMPLE, start, DURATION)
     assert result.uncertainty
     assert result.evaluation
-    assert result.answer
+    assert result.trust
     assert result.gain_checks
     with TemporaryDirectory() as folder:
         return spent_on(lambda: report(result, f"{folder}/report.html"))

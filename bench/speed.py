@@ -1,8 +1,8 @@
 """How long the methods take on real recordings, and how far the fast preset gets.
 
-A user waits for the likelihood with its posterior, the calibrated preset, and the comparison of all
-methods. The parameters of the fast preset are compared with the limit of the loss, which splines in
-place of the network reach.
+A user waits for the recommended estimate, of one window and of all in car-following, first for its
+point and then for its intervals, and for the comparison of all methods. The parameters of the fast
+preset are compared with the limit of the loss, which splines in place of the network reach.
 """
 
 import resource
@@ -13,23 +13,26 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import torch  # noqa: F401 (loaded before the first call is timed)
 
 from accpinn.channels import PARAMETERS
-from accpinn.inference.intervals import intervals
-from accpinn.methods import splines
-from accpinn.methods.estimate import Fit
-from accpinn.methods.pinn.config import FAST, preset
+from accpinn.inference.window_posterior import sampled, window_posterior
+from accpinn.methods import TaskContext
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.pinn.config import FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.study import Analysis
+from accpinn.study import Analysis, Source
 from accpinn.study.comparison import compare
+from accpinn.study.plan import car_following
 from accpinn.study.result import Result
+from accpinn.study.run import estimate, run
 from accpinn.units import Seconds
 from bench.measurement import Measurement, Spent, spent_on, timed
 
@@ -62,21 +65,21 @@ CASES = (
     BenchCase("Casale, one follower", CASALE, 0, 300, "II", 1.2, (0.5, 1.5, 5.0)),
     BenchCase("AstaZero, four followers", ASTAZERO, 320, 300, "II", 2.8, (2.0, 5.0, 9.0)),
     BenchCase("AstaZero, Case I", ASTAZERO, 320, 300, "I", 2.8),
-    BenchCase("Casale, all 1,523 s", CASALE, 0, 1523, "II", 2.1),
+    BenchCase("Casale, all 1,523 s", CASALE, 0, 1523, "II", 1.8),
 )
 
 
 def training(case: BenchCase, folder: Path) -> Iterator[Measurement]:
     """Time the fast preset, and measure its distance from the limit of the loss."""
     segment = case.segment(folder)
-    limit = splines.fit(segment, case.case).parameters.values
-    fits = deque[Fit](maxlen=1)  # of which memory need not hold more
-    once = partial(spent_on, lambda: fits.append(METHODS["pinn"].fit(segment, case.case, FAST)))
+    limit = METHODS["splines"].fit(segment, case.case).parameters.values
+    found = deque[Estimate](maxlen=1)  # of which memory need not hold more
+    once = partial(spent_on, lambda: found.append(METHODS["pinn"].fit(segment, case.case, FAST)))
     yield timed("first call", once, rounds=1)
     yield timed("fast preset", once, case.fast_limit)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     in_megabytes = 1e6 if sys.platform == "darwin" else 1e3
-    distance = 100 * np.abs(fits[0].parameters.values / limit - 1).max(0)
+    distance = 100 * np.abs(found[0].parameters.values / limit - 1).max(0)
     for quantity, percent in zip(PARAMETERS, distance, strict=True):
         name = f"{quantity.symbol}, from the limit of the loss"
         yield Measurement(name=name, value=float(percent), unit="%")
@@ -85,14 +88,9 @@ def training(case: BenchCase, folder: Path) -> Iterator[Measurement]:
 
 def methods(case: BenchCase, folder: Path) -> Iterator[Measurement]:
     """Time what a user waits for."""
-    METHODS["pinn"].fit(case.segment(folder))  # PyTorch is loaded once
     work: dict[str, Callable[[Segment], object]] = {
-        "likelihood and posterior": lambda segment: intervals(
-            segment, METHODS["maximum-likelihood"].fit(segment, case.case)
-        ),
-        "calibrated preset": lambda segment: METHODS["pinn"].fit(
-            segment, case.case, preset("calibrated")
-        ),
+        "recommended, the point": lambda segment: METHODS["pinn"].fit(segment, case.case),
+        "recommended, with intervals": partial(_estimated, case),
         "all methods, with hold-out": partial(_compare_all, case, folder),
     }
     later = count(1)
@@ -105,8 +103,31 @@ def methods(case: BenchCase, folder: Path) -> Iterator[Measurement]:
         yield timed(name, partial(once, call), limit, ROUNDS)
 
 
+def several_windows(folder: Path) -> Iterator[Measurement]:
+    """Time the recommended estimate of all windows in car-following of four followers."""
+    recording = read(folder / ASTAZERO)
+    windows, points = car_following(recording), list[Seconds]()
+
+    def once() -> Spent:
+        for remembered in (window_posterior, sampled):
+            remembered.cache_clear()
+        started = perf_counter()
+        context = TaskContext(on_estimate=lambda _: points.append(perf_counter() - started))
+        analysis = Analysis.of(recording, windows)
+        return spent_on(lambda: run(analysis, recording, context=context).uncertainty)
+
+    yield timed("recommended, with intervals", once, 7.0, ROUNDS)
+    yield Measurement(name="its point", value=min(points), unit="s", at_most=3.0)
+
+
+def _estimated(case: BenchCase, segment: Segment) -> None:
+    asked = Analysis(Source(segment.source, segment.sha256, None, segment.info.digest),
+                     segment.vehicles, (segment.window,), case.case)  # fmt: skip
+    assert estimate(asked, (segment,)).posterior
+
+
 def _compare_all(case: BenchCase, folder: Path, segment: Segment) -> None:
     recording = read(folder / case.file)
     analysis = Analysis.of(recording, [segment.window], segment.vehicles, case=case.case)
     for result in compare(analysis, recording):
-        assert not isinstance(result, Result) or result.uncertainty
+        assert not isinstance(result, Result) or result.evaluation

@@ -43,10 +43,10 @@ class TestCoverage:
 
     def test_bias_has_a_limit_where_it_is_promised(self) -> None:
         truth = np.ones((4, 3))
-        estimates = {coverage.LIKELIHOOD: 1.05 * truth, "splines": 0.8 * truth}
+        estimates = {"pinn": 1.05 * truth, "splines": 0.8 * truth}
         found = by_name(coverage.bias(truth, estimates))
-        assert found["mean error of α, maximum-likelihood"].value == pytest.approx(5.0)
-        assert not found["mean error of α, maximum-likelihood"].within
+        assert found["mean error of α, pinn"].value == pytest.approx(5.0)
+        assert not found["mean error of α, pinn"].within
         assert found["mean error of time gap, splines"].value == pytest.approx(-20.0)
         assert found["mean error of time gap, splines"].within
 
