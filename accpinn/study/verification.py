@@ -21,9 +21,15 @@ from typing import Any, Literal
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.findings import Finding
 from accpinn.inference.intervals import SLACK
-from accpinn.methods.estimate import CacheProblem, Continued, Estimate, Outcome, Posterior
+from accpinn.methods.estimate import (
+    CacheProblem,
+    Continued,
+    Estimate,
+    MethodFinding,
+    Outcome,
+    Posterior,
+)
 from accpinn.methods.joint_likelihood import UNKNOWNS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
@@ -51,7 +57,7 @@ SOLVED = 1e-6
 """The same share for what a method finds."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
 """What computing with numbers that no snapshot has can raise."""
-COUNTED = 0.1
+COUNTED = 0.05
 """Difference of what is counted of draws, and of probabilities, from one processor to another."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
@@ -59,7 +65,10 @@ EVERYWHERE = ("method", "spec", "case", "settings", "numbers", "speeds", "driven
               "active_bounds", "network_weights")  # fmt: skip
 """What an iterative training gives alike on every processor."""
 CURVES = 0.05
-"""Difference of its curves from one processor to another, in m and m/s, and share of its loss."""
+"""Difference of its curves from one processor to another, in m and m/s, and share of what is
+determined less than the parameters: those of each window by itself, loss, disturbances."""
+SMALL = 1e-3
+"""Difference of its disturbances, in m/s²."""
 FEATURED = {
     "parameters.0.2": "τ {} s", "0.errors.gap_mae.0": "gap MAE {} m", "samples": "{} samples",
 }  # fmt: skip
@@ -282,7 +291,7 @@ def _refit(subject: Result, name: str) -> list[Check]:
     return checks
 
 
-def _lasting(estimate: Estimate) -> tuple[Finding, ...]:
+def _lasting(estimate: Estimate) -> tuple[MethodFinding, ...]:
     """The findings that do not depend on how often it was run."""
     return tuple(f for f in estimate.findings if not isinstance(f, Continued | CacheProblem))
 
@@ -298,15 +307,22 @@ def _iterated(subject: Result, again: Estimate, name: str) -> Check:
         old, new = ({field: getattr(e, field) for field in fields} for e in (stored, again))
         return _compare("estimate", old, new, name, relative=relative, absolute=absolute)
 
-    kinds = [[type(found).__name__ for found in _lasting(e)] for e in (stored, again)]
+    kinds, anew = ([type(f).__name__ for f in _lasting(e)] for e in (stored, again))
     checks = [
         part(EVERYWHERE, SOLVED),
-        _compare("estimate", *kinds, name),
-        part(("parameters", "windows", "unconstrained"), tolerance),
+        _compare("estimate", kinds, anew, name),
+        part(("parameters",), tolerance),
+        part(("windows", "unconstrained", "loss"), CURVES),
         part(("curves",), tolerance, CURVES),
-        part(("loss",), CURVES),
         _compare("estimate", _drawn(subject), stored.curves, name, absolute=CURVES),
-        _compare("estimate", _unknowns(stored), _unknowns(again), name, relative=CURVES),
+        _compare(
+            "estimate",
+            _disturbances(stored),
+            _disturbances(again),
+            name,
+            relative=CURVES,
+            absolute=SMALL,
+        ),
     ]
     total = sum(check.numbers for check in checks)
     return replace(next((c for c in checks if not c.ok), checks[0]), numbers=total)
@@ -323,9 +339,10 @@ def _drawn(subject: Result) -> tuple[Trajectories, ...]:
     )
 
 
-def _unknowns(estimate: Estimate) -> dict[str, Any]:
+def _disturbances(estimate: Estimate) -> dict[str, FloatArray]:
     """What the likelihood says of disturbances and noise; empty for a method without."""
-    return {name: values for name, values in estimate.arrays.items() if name == UNKNOWNS}
+    of = (UNKNOWNS, "disturbance")
+    return {n: array for n, array in estimate.arrays.items() if n.rpartition(".")[2] in of}
 
 
 def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
@@ -337,24 +354,23 @@ def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
     exact = _compare("posterior", old, new, name, relative=SOLVED)
     if exact.ok or old is None or new is None:
         return exact
-    same = (old.method, old.level) == (new.method, new.level)
-    pairs = [[_ends(known) for known in (old, new)], [_counts(known) for known in (old, new)]]
-    if not same or any(np.shape(before) != np.shape(after) for before, after in pairs):
+    before, after = _ends(old), _ends(new)
+    if (old.method, old.level, before.shape) != (new.method, new.level, after.shape):
         return exact
-    (before, after), counts = pairs
     near = np.abs(before - after) <= SLACK * (after[1] - after[0])
-    if not (near | ~np.isfinite(before - after)).all():
-        return exact
-    if not _same(*counts, relative=COUNTED, absolute=COUNTED):
+    is_near = bool((near | ~np.isfinite(before - after)).all())
+    if not is_near or not _same(_counts(old), _counts(new), COUNTED, COUNTED):
         return exact
     return Check("posterior", "reproduced", True, name, numbers=exact.numbers)
 
 
 def _ends(known: Posterior) -> FloatArray:
     """(2, ..) ends of all intervals that a posterior gives."""
-    drawn = [interval_ends(part.everything, known.level) for part in (known.typical, known.further)]
-    windows = known.windows_lower.everything, known.windows_upper.everything
-    every = [*drawn, windows, known.windows_gap]
+    every: list[tuple[FloatArray, FloatArray]] = [
+        *(interval_ends(part.everything, known.level) for part in (known.typical, known.further)),
+        (known.windows_lower.everything, known.windows_upper.everything),
+        (known.windows_gap[0], known.windows_gap[1]),
+    ]
     return np.array([np.concatenate([np.ravel(pair[end]) for pair in every]) for end in (0, 1)])
 
 

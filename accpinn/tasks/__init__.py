@@ -199,7 +199,7 @@ class Task(Generic[Found]):
         """End it before it has begun, for a reason that is given as a sentence."""
         self._end(Status.FAILED, reason)
 
-    def answer(self, result: Found) -> None:
+    def finish(self, result: Found) -> None:
         """End it with a result that is known already."""
         self._add(result)
         self._end(Status.DONE)
@@ -386,7 +386,7 @@ def training_task(
     from the recording. Trainings of one owner that differ in ``kind`` wait for each other.
     """
 
-    def answer(context: TaskContext | None) -> Result:
+    def answered(context: TaskContext | None) -> Result:
         found = run(analysis, recording, segments=segments, store=store, context=context)
         result = replace(found, digest="")  # one from the store is no snapshot
         if store and result.is_finished:
@@ -397,13 +397,13 @@ def training_task(
         get_ready()
         if store and (state := store.stopped_state(analysis)):
             task.recorder.restore(state)
-        result = answer(context)
+        result = answered(context)
         _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
         yield result
 
     task = Task(owner, kind, steps, analysis=analysis)
     if store and store.find(analysis):
-        task.answer(answer(None))
+        task.finish(answered(None))
     elif store and anew and analysis.checkpoint_key:
         store.checkpoints(analysis).drop()
     return task

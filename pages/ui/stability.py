@@ -50,13 +50,13 @@ def show_page(workspace: Workspace) -> None:
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
         return
-    answer_column, chart_column = st.columns((1, 1.35), gap="medium")
+    left, right = st.columns((1, 1.35), gap="medium")
     is_nonlinear = chosen.vehicles.parameters.own.size > 0
-    with answer_column:
+    with left:
         source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
         _show_verdict(workspace, source)
         _show_simulate(workspace, source)
-    with chart_column:
+    with right:
         shown = _show_bode(workspace, source)
     _show_verdicts(source)
     tabs(workspace, "stability", {

@@ -7,7 +7,7 @@ import pytest
 
 from accpinn import PUBLISHED, Parameters, ParameterSet
 from accpinn.errors import ConfigError, ParameterError
-from accpinn.methods.simulation import Drives, estimate
+from accpinn.methods.simulation import Drives, optima
 from accpinn.model import cthp
 from accpinn.model.following import FollowingModel
 from accpinn.model.published import ASTAZERO, CASALE, CASALE_STARTS, VICOLUNGO
@@ -120,7 +120,7 @@ def test_the_further_model_of_the_contributing_guide() -> None:
     assert run.gaps == pytest.approx(gap, abs=1e-9)
     theta = model.typical * [1.5, 1.1, 0.9, 1.1]
     windows = [driven(model, theta[None], seed, 0.03)[0] for seed in range(2)]
-    (found,) = estimate(model, Drives.of(windows, model), [[0, 1]])
+    (found,) = optima(model, Drives.of(windows, model), [[0, 1]])
     assert found.theta == pytest.approx(theta, rel=0.15)
 
 

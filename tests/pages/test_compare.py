@@ -55,6 +55,10 @@ def test_the_recommended_estimate_comes_first_and_all_are_of_all_windows() -> No
     assert agreement(session.compared, recommended) in page.plain()
     table = methods_table(session.compared, 0, recommended)
     assert page.shows(table, len(table.rows))
+    for windows, count in ((asked.windows, 2), (asked.windows[:1], 0)):
+        session.preset, session.window_starts = "fast", tuple(w.start for w in windows)
+        train_at_once(session)
+        assert len(session.as_snapshot().compared) == count, "those of the result's own data"
 
 
 @pytest.mark.usefixtures("cthp_alone")

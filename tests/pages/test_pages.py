@@ -541,7 +541,7 @@ def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
     assert "its intervals follow" in shown
     known = cards(replace(whole, estimate=point), together=True)
     assert all(card.lead in shown for card in known)
-    task.answer(whole)
+    task.finish(whole)
 
 
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities() -> None:

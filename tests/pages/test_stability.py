@@ -232,7 +232,7 @@ def test_cars_come_from_several_results(title: str) -> None:
     alone.choose_model("idm")
     own = train_at_once(alone)
     task = Task(session.id, "estimate of 4", lambda _: iter(()))
-    task.answer(own)
+    task.finish(own)
     session.cars[4] = task
     page = open_page(title, session).choose(f"{title.lower()}_source", "several")
     said = headline(page)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accpinn import Case, Parameters, cut, intervals
+from accpinn import Case, Parameters, cut
 from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import FAST
 from accpinn.recordings import LittleLeaderMotion, Mode, Recording
@@ -38,6 +38,7 @@ from accpinn.segment.quality import (
 from accpinn.serial import dump, restore
 from tests.support import openacc_files
 from tests.support.driving import driven, in_turn, segment_of
+from tests.support.estimates import likeliest
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.openacc_files import STEP
@@ -211,7 +212,7 @@ class TestMethods:
 
     def test_intervals_rest_on_the_rest_alone(self) -> None:
         segment = without_block(disturbed())
-        centre = intervals(segment, ESTIMATORS["least-squares"](segment, "II")).centre
+        centre = likeliest(segment)
         assert centre.values == pytest.approx(PLATOON.values, rel=1e-3)
 
 

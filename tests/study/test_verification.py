@@ -1,32 +1,32 @@
 """What a snapshot says against what its analysis gives: every forged number is found."""
 
 import json
-import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
-import numpy as np
 import pytest
 
-from accpinn import METHODS, Analysis, Parameters, Result, load, preset, run
 from accpinn.errors import SnapshotError
-from accpinn.evaluation import of_blocks
-from accpinn.inference.intervals import from_draws, with_estimates
-from accpinn.methods.estimate import Outcome
+from accpinn.methods.estimate import BoundActive, Outcome
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.segment import WindowShortened
-from accpinn.serial import flatten
-from accpinn.study.run import estimate
-from accpinn.study.snapshot import DOCUMENT, named, to_bytes
-from accpinn.study.verification import HOWEVER_LONG, QUICK, SOLVED, Check, Verification, verify
+from accpinn.study import Analysis
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.snapshot import DOCUMENT, load, prepare_snapshot, to_bytes
+from accpinn.study.verification import HOWEVER_LONG, Check, Verification, verify
 from tests.support.driving import driven
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import (
+    altered,
     arrays_of,
     members,
     platoon,
@@ -43,8 +43,7 @@ from tests.support.snapshots import (
 TOLD = ("analysis.source", "analysis.windows", "origin", "created", "name", "note", "digest")
 """What rests on whoever wrote a file without a recording behind it."""
 VARYING = ("seconds", "cached")
-SMOOTHED = METHODS["savitzky-golay"].title
-PART = ("qualities", "uncertainty", "evaluation")
+TITLES = {key: METHODS[key].title for key in ("least-squares", "savitzky-golay")}
 
 
 def fault(found: Verification) -> Check:
@@ -57,172 +56,200 @@ def states(found: Verification) -> dict[tuple[str, str], str]:
     return {(check.part, check.method): check.state for check in found.checks}
 
 
-def with_parts(result: Result, **changes: Any) -> Result:
-    return replace(result, parts=replace(result.parts, **changes))
+@cache
+def bounded() -> Result:
+    """A small one with a bound that is active."""
+    made = driven(((0.08, -0.05, 1.5),), duration=20.0, step=0.5)
+    result = prepare_snapshot(result_for(made), "bounded")
+    assert any(isinstance(one, BoundActive) for one in result.findings)
+    return result
+
+
+def known(**changes: Any) -> Result:
+    """The result of two windows with another posterior."""
+    result = two_windows()
+    return altered(result, posterior=replace(result.posterior, **changes))
 
 
 class TestHonest:
-    @pytest.mark.parametrize("honest", [small, whole, two_windows])
-    def test_all_is_reproduced_or_recomputed_with_the_data(
-        self, honest: Callable[[], Result]
-    ) -> None:
+    @pytest.mark.parametrize("honest", [small, whole, two_windows, bounded])
+    def test_all_is_reproduced_from_the_file_alone(self, honest: Callable[[], Result]) -> None:
         asked: list[str] = []
         found = verify(load(to_bytes(honest())), on_refit=lambda name, _: asked.append(name))
         assert found.ok, found.sentence
         assert len(asked) == 1 + len(honest().compared)
-        assert {check.part for check in found.unchecked} <= {"data"}
+        has_file = bool(honest().analysis.source.sha256)
+        assert {check.part for check in found.unchecked} == ({"data"} if has_file else set())
         kinds = states(found)
-        assert kinds["fit", ""] == "reproduced"
-        assert {kinds[part, ""] for part in PART} == {"recomputed"}
+        assert kinds["estimate", ""] == "reproduced"
+        assert (("posterior", "") in kinds) == (honest is two_windows)
         if honest is whole:
-            assert kinds["curves", ""] == "recomputed"
-            assert kinds["fit", "Least squares"] == kinds["holdout", SMOOTHED] == "reproduced"
+            for title in TITLES.values():
+                assert kinds["estimate", title] == kinds["holdout", title] == "reproduced"
+        agreeing = sum(check.numbers for check in found.checks)
+        assert found.counted.startswith(f"{agreeing:,} of {agreeing:,} numbers agree")
 
-    def test_methods_compared_in_the_first_of_two_windows_have_its_data(self) -> None:
-        joint = two_windows()
-        (segment, _), asked = joint.segments, joint.analysis
-        alone = replace(asked, windows=asked.windows[:1], method="least-squares")
-        rows = (estimate(alone, (segment,)),)
-        found = verify(named(replace(joint, compared=rows), with_data=True))
-        assert found.ok, found.sentence
-        assert states(found)["fit", "Least squares"] == "reproduced"
-
-    def test_without_the_data_the_recording_stands_in(self) -> None:
-        bare = load(to_bytes(replace(whole(), segments=())))
-        found = verify(bare)
-        assert found.ok
-        assert {check.cure for check in found.unchecked} == {"--recording"}
-        assert {*states(found).values()} == {"recomputed", "not checked"}, "curves need no data"
+    def test_with_the_recording_the_data_are_compared_too(self) -> None:
+        bare = load(to_bytes(whole()))
         renamed = replace(platoon(), source="renamed.csv")
-        found = verify(bare, renamed, refit_within=QUICK)
+        found = verify(bare, renamed, refit_within=0.0)
         assert found.ok, found.sentence
-        assert states(found)["info", ""] == states(found)["facts", ""] == "recomputed"
+        assert states(found)["info", ""] == states(found)["facts", ""] == "reproduced"
         assert {check.cure for check in found.unchecked} == {"--refit"}
+        (left,) = verify(bare, own_only=True).checks
+        assert (left.part, left.state, left.method) == ("estimate", "reproduced", "")
 
     def test_a_window_that_was_shortened(self) -> None:
         recording = read(FOLDER / f"{NOISY}.csv")
         window = Window(recording.duration - 60, recording.duration + 240)
         result = run(Analysis.of(recording, [window], method="splines"), recording)
         assert any(isinstance(finding, WindowShortened) for finding in result.info.findings)
-        assert verify(load(to_bytes(named(result))), recording).ok
+        assert verify(load(to_bytes(prepare_snapshot(result))), recording).ok
 
     def test_what_takes_minutes_is_left_to_whoever_asks_for_it(self) -> None:
         """However short a time the file itself tells."""
         settings = preset("paper").to_json()
-        fit = replace(whole().fit, config=settings, seconds=0.001)
-        analysis = replace(whole().analysis, settings=settings)
-        found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
+        slow = altered(whole(), settings=settings, seconds=0.001)
+        slow = replace(slow, analysis=replace(slow.analysis, settings=settings), compared=())
+        found = verify(slow)
         (left,) = [check for check in found.unchecked if check.cure == "--refit"]
-        assert (left.part, left.seconds > 120) == ("fit", True)
+        assert (left.part, left.seconds > 120) == ("estimate", True)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
-        fit = replace(whole().fit, outcome=Outcome.STOPPED)
-        found = verify(replace(whole(), fits=(fit,), compared=()), refit_within=HOWEVER_LONG)
+        stopped = replace(altered(whole(), outcome=Outcome.STOPPED), compared=())
+        found = verify(stopped, refit_within=HOWEVER_LONG)
         assert found.ok
-        assert states(found)["fit", ""] == "not checked"
+        assert states(found)["estimate", ""] == "not checked"
+
+    def test_another_processors_training_agrees_up_to_its_tolerance(self) -> None:
+        """It ends elsewhere by a little, and gets there by another way."""
+        estimate, factor = trained().estimate, 1 + 1e-5
+        assert METHODS["pinn"].tolerance > 1e-5
+        values = Parameters.of(estimate.parameters.values * factor)
+        loss = {name: factor * value for name, value in estimate.loss.items()}
+        (curves,) = estimate.curves
+        moved = replace(curves, gaps=curves.gaps + 1e-3)
+        history = replace(estimate.history, total=1.1 * estimate.history.total)
+        other = altered(
+            trained(), parameters=values, loss=loss, curves=(moved,), history=history, iterations=19
+        )
+        assert verify(other).ok
 
     @pytest.mark.parametrize(("factor", "ok"), [(1.0 + 1e-5, True), (1.2, False)])
     def test_draws_of_another_processor_pass_and_others_do_not(
         self, factor: float, ok: bool
     ) -> None:
-        known = small().uncertainty
-        draws = Parameters.of(known.draws.values * factor)
-        other = with_estimates(
-            from_draws(known.centre, draws, known.level), small().segments[0], small().fit
-        )
-        assert verify(with_parts(small(), uncertainty=other)).ok == ok
-
-    @pytest.mark.parametrize("factor", [1.0 + 1e-5, 1.1])
-    def test_only_parameters_of_an_iterative_training_count_on_another_processor(
-        self, factor: float
-    ) -> None:
-        fit = replace(trained().fit, loss={"total": 1.0})
-        fit = replace(fit, parameters=Parameters.of(fit.parameters.values * factor))
-        other = replace(whole(), fits=(fit,), compared=())
-        found = [check for check in verify(other).checks if check.part == "fit"]
-        assert [check.ok for check in found] == [factor < 1.01]
+        for name in ("typical", "further"):
+            draws = getattr(two_windows().posterior, name).everything * factor
+            assert verify(known(**{name: Parameters.of(draws)})).ok == ok
 
 
-def evaluated(result: Result, **changes: Any) -> Result:
-    """With another evaluation of the first method compared."""
-    first, *others = result.compared
-    changed = with_parts(first, evaluation=replace(first.evaluation, **changes))
-    return replace(result, compared=(changed, *others))
-
-
-def better(errors: Any) -> Any:
-    return replace(errors, gap_mae=errors.gap_mae / 2)
+def compared(**changes: Any) -> Result:
+    """With another estimate by the first method compared, or other blocks."""
+    first, *others = whole().compared
+    return replace(whole(), compared=(replace(first, **changes), *others))
 
 
 class TestForged:
-    def test_errors_of_a_method_compared_and_blocks_held_out(self) -> None:
-        evaluation = whole().compared[0].evaluation
-        for changes in ({"closed_loop": better(evaluation.closed_loop)}, {"holdout": None}):
-            found = fault(verify(evaluated(whole(), **changes), refit_within=QUICK))
-            assert (found.part, found.method) == ("evaluation", "Least squares")
-        own = tuple(replace(one, errors=better(one.errors)) for one in evaluation.blocks)
-        forged = evaluated(whole(), blocks=own, holdout=of_blocks(own))
-        found = fault(verify(forged))
+    def test_a_method_compared_and_the_blocks_held_out(self) -> None:
+        first = whole().compared[0]
+        better = Parameters.of(first.parameters.values * 1.01)
+        found = fault(verify(compared(estimate=replace(first.estimate, parameters=better))))
+        assert (found.part, found.method) == ("estimate", TITLES["least-squares"])
+        blocks = tuple(
+            replace(one, errors=replace(one.errors, gap_mae=one.errors.gap_mae / 2))
+            for one in first.blocks
+        )
+        found = fault(verify(compared(blocks=blocks)))
         assert (found.part, found.state) == ("holdout", "reproduced")
-
-    def test_errors_outside_the_window(self) -> None:
-        evaluation = trained().evaluation
-        evaluation = replace(evaluation, out_of_window=better(evaluation.out_of_window))
-        bare = load(to_bytes(named(with_parts(trained(), evaluation=evaluation))))
-        assert fault(verify(bare, platoon(), refit_within=QUICK)).part == "evaluation"
+        assert "gap MAE" in found.stored
 
     def test_another_recording_or_other_names(self) -> None:
-        found = verify(replace(whole(), segments=()), read(FOLDER / f"{NOISY}.csv"))
+        found = verify(whole(), read(FOLDER / f"{NOISY}.csv"))
         assert fault(found).part == "data"
         assert "not the recording" in found.sentence
-        info = replace(whole().info, names=("Lada",) * 5)
-        bare = replace(whole(), infos=(info,), segments=())
-        assert fault(verify(bare, platoon(), refit_within=QUICK)).part == "info"
+        names = ("Lada",) * 5
+        (segment,) = whole().segments
+        info = replace(whole().info, names=names)
+        renamed = replace(whole(), infos=(info,), segments=(replace(segment, names=names),))
+        assert fault(verify(renamed, platoon(), refit_within=0.0)).part == "info"
 
-    def test_weights_that_give_other_curves(self) -> None:
-        zero = {name: np.zeros_like(values) for name, values in whole().fit.arrays.items()}
-        for arrays in (zero, {}):
-            forged = replace(whole().fit, arrays=arrays)
-            found = verify(replace(whole(), fits=(forged,), segments=()))
-            assert fault(found).part == "curves"
+    def test_other_data_with_all_that_follows_from_them(self) -> None:
+        """Whole in itself, so only the recording tells."""
+        (segment,) = trained().segments
+        moved = replace(segment, gaps=segment.gaps + 1.0)
+        asked = replace(trained().analysis, method="least-squares", settings={})
+        forged = result_for(moved)
+        forged = replace(forged, analysis=asked.with_method("least-squares"))
+        assert verify(forged).ok
+        found = fault(verify(forged, platoon()))
+        assert found.part == "data"
+        assert "the window cut from it differs" in found.sentence
 
     def test_a_headway_no_method_found_with_all_that_follows_from_it(self) -> None:
         forged = load(to_bytes(with_parameters(small(), [1, 1, 0.6])))
-        believed = verify(forged, refit_within=QUICK)
+        believed = verify(forged, refit_within=0.0)
         assert believed.ok
-        assert states(believed)["fit", ""] == "not checked"
+        assert states(believed)["estimate", ""] == "not checked"
         found = fault(verify(forged))
-        assert (found.part, found.state) == ("fit", "reproduced")
+        assert (found.part, found.state) == ("estimate", "reproduced")
         assert found.stored != found.computed
         assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
 
-    @pytest.mark.parametrize(("name", "factor"), [("unknowns", 3.0), ("disturbance", 10.0)])
-    def test_disturbances_that_no_likelihood_has(self, name: str, factor: float) -> None:
-        fit = (said := likely()).fit
-        arrays = fit.arrays | {name: factor * fit.arrays[name]}
-        forged = replace(said, fits=(replace(fit, arrays=arrays),))
-        assert METHODS["maximum-likelihood"].tolerance > SOLVED, "digits depend on the processor"
-        assert verify(said).ok
-        assert fault(verify(forged)).part == "disturbances"
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda e: {"parameters": Parameters.of(1.01 * e.parameters.everything)},
+            lambda e: {"windows": Parameters.of(1.1 * e.windows.everything)},
+            lambda e: {"curves": tuple(replace(c, gaps=c.gaps + 0.1) for c in e.curves)},
+            lambda e: {"arrays": {name: 2 * array for name, array in e.arrays.items()}},
+            lambda e: {"arrays": {}},
+            lambda e: {"arrays": e.arrays | {"unknowns": 1.1 * e.arrays["unknowns"]}},
+            lambda e: {"loss": e.loss | {"data": 0.5 * e.loss["data"]}},
+            lambda e: {"driven": e.driven * [[1.0], [1.1]]},
+            lambda e: {"speeds": 1.001 * e.speeds},
+            lambda e: {"findings": (BoundActive(2, ("β",), (0.1, 0.1, 0.1)),)},
+        ],
+        ids="parameters windows curves weights none disturbance loss driven speeds finding".split(),
+    )
+    def test_whatever_an_iterative_training_says_but_its_course(
+        self, change: Callable[[Any], dict[str, Any]]
+    ) -> None:
+        forged = altered(two_windows(), **change(two_windows().estimate))
+        assert METHODS["pinn"].tolerance > 1e-6, "digits depend on the processor"
+        assert fault(verify(forged)).part == "estimate"
 
-    def test_a_term_of_the_estimate_that_its_intervals_do_not_have(self) -> None:
-        uncertainty = (said := likely()).uncertainty
-        centre = Parameters.of(uncertainty.centre.complete * [1, 1, 1, 10, 1, 3])
-        forged = with_parts(said, uncertainty=replace(uncertainty, centre=centre))
-        assert fault(verify(forged, refit_within=QUICK)).part == "uncertainty"
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda p: {"level": 0.8},
+            lambda p: {"method": "by magic"},
+            lambda p: {"typical": p.typical[::2]},
+            lambda p: {"windows_lower": Parameters.of(0.9 * p.windows_lower.everything)},
+            lambda p: {"windows_gap": 1.02 * p.windows_gap},
+            lambda p: {"differ": 0.5 * p.differ},
+            lambda p: {"draws": 2.0 * p.draws},
+            lambda p: {"followers_differ": 0.01},
+        ],
+        ids="level method fewer window gap differ draws followers".split(),
+    )
+    def test_whatever_a_posterior_says(self, change: Callable[[Any], dict[str, Any]]) -> None:
+        found = fault(verify(known(**change(two_windows().posterior))))
+        assert (found.part, found.differing > 0) == ("posterior", True)
 
-    def test_every_number_that_is_changed_is_found(self) -> None:
+    @pytest.mark.parametrize("honest", [small, bounded])
+    def test_every_number_that_is_changed_is_found(self, honest: Callable[[], Result]) -> None:
         """One field of the whole tree after the other, of a list one member, sealed anew."""
-        forms = result_for(driven(duration=20.0, step=0.5)).adequacy
-        data = to_bytes(with_parts(small(), adequacy=forms))
+        data = to_bytes(honest())
         tree, arrays = json.loads(members(data)[DOCUMENT]), arrays_of(data)
         met, missed = Counter[str](), []
-        fields = {re.sub(r"\.\d+", "", place): (place, leaf) for place, leaf in flatten(tree)}
+        fields = {tuple(n for n in place if not n.isdigit()): (place, leaf)
+                  for place, leaf in leaves(tree)}  # fmt: skip
         for place, leaf in fields.values():
-            if place.startswith(TOLD) or place.endswith(VARYING):
+            if ".".join(place).startswith(TOLD) or place[-1] in VARYING:
                 continue
             forged = deepcopy(tree)
-            put(forged, place.split("."), other_than(leaf))
+            put(forged, place, other_than(leaf))
             try:
                 result = load(sealed(json.dumps(forged).encode(), arrays))
             except SnapshotError:
@@ -233,15 +260,17 @@ class TestForged:
             if not is_found:
                 missed.append((place, leaf))
         assert missed == []
-        assert met["found"] >= 40
-        assert met["refused"] >= 5
+        assert met["found"] >= 7
+        assert met["refused"] >= 40
 
 
-@cache
-def likely() -> Result:
-    """Of maximum likelihood, with its data."""
-    made = driven(duration=60.0, step=0.5)
-    return named(result_for(made, "maximum-likelihood"), "likely", with_data=True)
+def leaves(tree: Any, place: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The leaves of a tree of objects and lists with their places."""
+    if not isinstance(tree, dict | list) or not tree:
+        yield place, tree
+        return
+    for name, part in tree.items() if isinstance(tree, dict) else enumerate(tree):
+        yield from leaves(part, (*place, str(name)))
 
 
 def other_than(leaf: Any) -> Any:

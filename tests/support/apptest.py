@@ -211,7 +211,7 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
     estimate, facts = replace(result.estimate, **changes), facts_of(session.recording)
     result = replace(result, estimate=estimate, facts=facts)
     task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
-    task.answer(result)
+    task.finish(result)
     session.restored, session.training = None, task
     if result.is_finished:
         store().record_shown(session.id, result)

@@ -1,6 +1,7 @@
 """Methods as tests call them."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from accpinn.methods import TaskContext
@@ -11,8 +12,12 @@ from accpinn.model.cthp import Case
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 
-RIVALS = {key: method.fit for key, method in METHODS.items() if not method.settings}
-"""Every method but the network, which takes longer."""
+RIVALS = {
+    key: partial(method.fit, spec=PAPER_SPEC)
+    for key, method in METHODS.items()
+    if not method.settings
+}
+"""Every method but the network, which takes longer, with the paper's model."""
 WEIGHTED = preset("fast", weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 """The network's loss with another weight for every term."""
 

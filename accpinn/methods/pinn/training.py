@@ -7,12 +7,12 @@ PyTorch takes a second or two to be imported, in a thread while something else i
 
 import os
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
-from math import sqrt
 from threading import Thread
 from typing import Any
 
@@ -54,12 +54,15 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 that measurement; see docs/validation.md."""
 MOST_BYTES = 1.4e9
 _PER_FEATURE = {
-    "usual": (48, 3), "masked": (60, 5), "other model": (115, 22), "late model": (130, 72),
-    "late calibrated": (130, 8),
+    "usual": (18, 1), "masked": (21, 1), "other model": (105, 10), "late model": (115, 70),
+    "late calibrated": (120, 8),
 }  # fmt: skip
 """Bytes per instant and input feature that `fast` and `calibrated` take at their peak, and for each
 follower; measured. Another model's derivatives differ from instant to instant; a late one has a lag
 or a delay, of which `calibrated` takes one follower at a time."""
+_PER_PAIR = {False: (210, 40), True: (240, 110)}
+"""Bytes per pair of columns that the output layer sees, and for each follower, without and with a
+mask; measured."""
 _PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
 """Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
@@ -226,7 +229,7 @@ def require_memory(
     Raises:
         SegmentError: naming the longest window that can be trained on, or how many are too many.
     """
-    needs = [_bytes_needed(segment, config, model) for segment in segments]
+    needs = [_bytes_needed(s, s.window.duration, config, model) for s in segments]
     # The networks of `calibrated` are drawn one after the other.
     needed = max(needs) if config.preset == "calibrated" else sum(needs)
     if needed <= MOST_BYTES:
@@ -235,30 +238,35 @@ def require_memory(
     if max(needs) <= MOST_BYTES:
         raise SegmentError(
             f"{largest.source}: {len(segments)} windows would take {needed / 1e9:,.1f} GB of memory"
-            f" to train on together; take at most {int(MOST_BYTES / max(needs))} like the longest,"
-            " or the preset calibrated."
+            f" to train on; take at most {int(MOST_BYTES / max(needs))} as long as the longest."
         )
-    duration, ratio = largest.window.duration, MOST_BYTES / max(needs)
-    # Instants and, but for `paper`, features grow with the window.
-    longest = duration * (ratio if config.preset == "paper" else sqrt(ratio))
+    duration = largest.window.duration
+    shorter = range(10, int(duration), 10)
+    fitting = bisect_right(
+        shorter, MOST_BYTES, key=lambda lasts: _bytes_needed(largest, lasts, config, model)
+    )
     raise SegmentError(
         f"{largest.source}: a window of {duration:,.0f} s would take {max(needs) / 1e9:,.1f} GB of"
-        f" memory to train on; take at most {0.98 * longest // 10 * 10:,.0f} s."
+        f" memory to train on; take at most {shorter[fitting - 1]:,} s."
     )
 
 
-def _bytes_needed(segment: Segment, config: PinnConfig, model: str) -> float:
+def _bytes_needed(segment: Segment, duration: Seconds, config: PinnConfig, model: str) -> float:
+    """The peak of a training on a segment like this one, of another duration."""
+    samples = duration / segment.sample_time + 1
     is_late = FOLLOWING[model].is_late
     if config.preset == "paper":
-        return segment.samples * (_LATE_INSTANT if is_late else _PER_INSTANT)
+        return samples * (_LATE_INSTANT if is_late else _PER_INSTANT)
     kind = "usual" if segment.mask is None else "masked"
     if config.preset == "fast" and model != PAPER_MODEL:
         kind = "late model" if is_late else "other model"
     elif is_late:
         kind = "late calibrated"
-    common, own = _PER_FEATURE[kind]
-    features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
-    return (common + own * segment.followers) * segment.samples * features
+    features = 2 * len(config.angular_frequencies(duration)) + 2
+    by_follower = 1, segment.followers
+    per_feature = np.dot(_PER_FEATURE[kind], by_follower)
+    per_pair = np.dot(_PER_PAIR[segment.mask is not None], by_follower)
+    return float(per_feature * samples * features + per_pair * (features + config.width) ** 2)
 
 
 def typical_seconds(segments: Segments, settings: PinnConfig | None) -> Seconds:

@@ -232,10 +232,7 @@ def key(
 
 
 def follower_key(
-    segment: Segment | SegmentInfo,
-    with_truth: bool = False,
-    shared: bool = False,
-    with_solved: bool = False,
+    segment: Segment | SegmentInfo, with_truth: bool = False, shared: bool = False
 ) -> None:
     """The colour of each follower, once for all charts below.
 
@@ -244,8 +241,7 @@ def follower_key(
     colours = vehicle_colours(segment.vehicles)
     entries = [*zip(segment.labels[1:], colours[1:], strict=True)]
     entries += [(EVERY_FOLLOWER, SHARED)] * shared
-    dotted = "least squares" if with_solved else ""
-    key(entries, dashed="true value" if with_truth else "", dotted=dotted)
+    key(entries, dashed="true value" if with_truth else "")
 
 
 def clicked_data(points: list[dict[str, Any]]) -> Any:
@@ -385,7 +381,7 @@ def segments(
 def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]) -> None:
     """Tabs of which only the open one is drawn; a switch draws the page anew.
 
-    On a narrow screen they come after what is chosen on the page, and that after the answer: what
+    On a narrow screen they come after what is chosen on the page, and that after the result: what
     has a key that begins with "later_1" and so on stands below the rest there.
     """
     titles = {title: title for title in views}

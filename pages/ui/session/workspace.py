@@ -34,8 +34,8 @@ from pages.ui.session import resources
 
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
 """Where the vehicles on pages Stability and Platoon are from."""
-KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(VARIANTS)
-"""Recordings that a session keeps open; results of three comparisons, and as many changes of the
+KEPT_RECORDINGS, KEPT_EARLIER = 4, 2 * len(VARIANTS)
+"""Recordings that a session keeps open; results of two comparisons, and as many changes of the
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
 """What is asked before anything is open."""
@@ -185,9 +185,8 @@ class Workspace:
 
     @property
     def info(self) -> SegmentInfo | None:
-        """The segment; it is known also where a snapshot came without its data."""
-        known = self.segment or self.restored
-        return known.info if known else None
+        """What is known of the segment; None where there is none."""
+        return self.segment.info if self.segment else None
 
     @property
     def true_parameters(self) -> Parameters | None:
@@ -202,13 +201,13 @@ class Workspace:
         rows = self.restored.compared if self.restored else ()
         if self.comparison:
             rows = tuple(row for row in self.comparison.results if isinstance(row, Result))
-        places = [*VARIANTS]
+        places = {name: place for place, name in enumerate(VARIANTS)}
 
         def place(row: Result) -> tuple[bool, int]:
             asked = row.analysis
             is_recommended = asked.method == recommended_method(asked.spec.model)
             name = variant_name(asked.method, asked.settings)
-            return not (is_recommended and asked.has_posterior), places.index(name)
+            return not (is_recommended and asked.has_posterior), places.get(name, len(places))
 
         return tuple(sorted(rows, key=place))
 
@@ -238,7 +237,8 @@ class Workspace:
         if result is None:
             raise SnapshotError("There is no result to save; train on a window.")
         facts = result.facts or (restored.facts if restored else {})
-        whole = replace(result, facts=facts, compared=self.compared, judgements=self.judgements)
+        rows = tuple(row for row in self.compared if _data_of(row) == _data_of(result))
+        whole = replace(result, facts=facts, compared=rows, judgements=self.judgements)
         return prepare_snapshot(whole, name, note)
 
     # Steps
@@ -485,6 +485,11 @@ class Workspace:
     def keep(self, key: str) -> Callable[[Any], None]:
         """What keeps a choice under that key."""
         return lambda value: self.choices.update({key: value})
+
+
+def _data_of(result: Result) -> list[str]:
+    """What tells whether two results are of the same data."""
+    return [info.digest for info in result.infos]
 
 
 def _starts(asked: Analysis) -> tuple[float, ...]:

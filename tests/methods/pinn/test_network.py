@@ -162,7 +162,7 @@ def test_the_memory_of_all_windows_counts_where_they_are_trained_together() -> N
     windows = (of_length(1_500),) * 40
     with pytest.raises(SegmentError, match=r"40 windows .* GB .* take at most") as caught:
         METHODS["pinn"].fit(windows, settings=FAST)
-    (most,) = re.findall(r"at most ([\d,]+) like", str(caught.value))
+    (most,) = re.findall(r"at most ([\d,]+) as long", str(caught.value))
     require_memory(windows[: int(most)], FAST)
     with pytest.raises(SegmentError):
         require_memory(windows[: int(most) + 1], FAST)
