@@ -305,7 +305,11 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        return replace(result, analysis=analysis)
+        return replace(result, analysis=analysis, digest="")
+
+    def read(self, name: str) -> Result:
+        """The result of that name, which is no snapshot; see `Shelf.read`."""
+        return replace(super().read(name), digest="")
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result."""

@@ -387,8 +387,7 @@ def training_task(
     """
 
     def answered(context: TaskContext | None) -> Result:
-        found = run(analysis, recording, segments=segments, store=store, context=context)
-        result = replace(found, digest="")  # one from the store is no snapshot
+        result = run(analysis, recording, segments=segments, store=store, context=context)
         if store and result.is_finished:
             store.record_shown(owner, result)
         return result

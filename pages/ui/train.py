@@ -33,8 +33,8 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
 LINES: dict[tuple[PresetName, str], str] = {
-    ("calibrated", "pinn"): "PiNN, calibrated: with intervals.",
-    ("calibrated", "simulation"): "Closed-loop simulation: with intervals.",
+    ("calibrated", "pinn"): "PiNN, calibrated, with intervals.",
+    ("calibrated", "simulation"): "Closed-loop simulation, with intervals.",
     ("fast", "pinn"): "The paper's loss, solved exactly: a point, biased where disturbances last.",
     ("paper", "pinn"): "The paper's training by gradient, many minutes: a point, biased where"
     " disturbances last.",

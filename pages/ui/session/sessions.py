@@ -21,7 +21,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
@@ -307,7 +307,7 @@ def result_of(name: str) -> Result:
         SnapshotError: for an unknown name, or a damaged file.
     """
     if store().has(name):
-        return replace(store().read(name), digest="")  # it is no snapshot
+        return store().read(name)
     return library().read(name)
 
 
