@@ -64,8 +64,8 @@ def jobs(folder: Path, chromium: str) -> dict[str, Measure]:
     training = {
         f"training, {case.name}": partial(speed.training, case, folder) for case in speed.CASES
     }
-    windows = {"methods, AstaZero, five windows": partial(speed.several_windows, folder)}
-    return everyday | methods | windows | training | {"pages": partial(pages.measure, folder, chromium)}
+    methods["methods, AstaZero, five windows"] = partial(speed.several_windows, folder)
+    return everyday | methods | training | {"pages": partial(pages.measure, folder, chromium)}
 
 
 if __name__ == "__main__":

@@ -137,7 +137,7 @@ CTHPS = tuple(key for key, model in FOLLOWING.items() if model.is_cthp)
 PAPER = CTHP.key
 """The paper's model."""
 BEST = "cthp-s0-delay"
-"""The model of answers: none predicts the gap in other windows better in the mean over the cars of
+"""The recommended model: none predicts the gap in other windows better in the mean over the cars of
 the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
 Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""

@@ -6,7 +6,7 @@ from typing import Self
 
 from accpinn.errors import ConfigError
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import FOLLOWING, PAPER, Fixed, following_model
+from accpinn.model.registry import BEST, FOLLOWING, PAPER, Fixed, following_model
 
 
 @dataclass(frozen=True)
@@ -58,3 +58,5 @@ class ModelSpec:
 
 PAPER_SPEC = ModelSpec()
 """The paper's model with nothing fixed, which every method can estimate."""
+RECOMMENDED_SPEC = ModelSpec(BEST)
+"""The model that is estimated unless another is asked for."""

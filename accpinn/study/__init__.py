@@ -17,8 +17,7 @@ from typing import Any, Self
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST
-from accpinn.model.spec import ModelSpec
+from accpinn.model.spec import RECOMMENDED_SPEC, ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
@@ -62,7 +61,7 @@ class Analysis:
     case: Case = "II"
     excluded: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation."""
-    spec: ModelSpec = ModelSpec(BEST)
+    spec: ModelSpec = RECOMMENDED_SPEC
     """The model whose parameters are estimated, and what is fixed of it."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""

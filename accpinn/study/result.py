@@ -72,7 +72,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The answer to an analysis; see `run`. A snapshot is a result in a file.
+    """What came of an analysis; see `run`. A snapshot is a result in a file.
 
     What follows from analysis, estimate and data is computed when it is first asked for, and kept.
     """
@@ -248,7 +248,7 @@ class Result:
 
     @property
     def draws(self) -> "DataFrame":
-        """The answer's posterior draws, one a row: kind, vehicle, name, draw and parameters.
+        """The posterior's draws, one a row: kind, vehicle, name, draw and parameters.
 
         ``kind`` is "typical" for the car's typical value and "further window" for what a further
         window of it may have.
@@ -279,7 +279,7 @@ class Result:
         return self.posterior
 
     def to_datatree(self) -> "DataTree":
-        """The answer's posterior draws for xarray and ArviZ, which are to be installed.
+        """The posterior's draws for xarray and ArviZ, which are to be installed.
 
         The groups ``posterior`` (the typical value) and ``further_window`` have parameters by
         chain, draw and vehicle; ``window_posterior`` has those of each window alone, with the
@@ -371,7 +371,7 @@ class Result:
         """From the speed ahead to the own speed, one python-control object a follower.
 
         Raises:
-            ParameterError: where the parameters allow no answer.
+            ParameterError: where the parameters allow none.
         """
         return tuple(transfer_function(follower) for follower in self.parameters)
 
