@@ -23,6 +23,7 @@ Gelman, Carlin, Stern, Dunson, Vehtari and Rubin, Bayesian Data Analysis, 3rd ed
 """
 
 import csv
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -55,6 +56,8 @@ UNLEARNED = 0.4
 mean of what was learned of the IDM is about this."""
 PARTS = "centre", "cars", "windows"
 """Fields of `Population`, as `populations.csv` names its rows."""
+WIDEST = 20
+"""Most draws of a block, of which one is chosen."""
 WITHIN = 1.1416
 """Deviation within which 68 % of that t lie, over the root of its scale."""
 
@@ -132,13 +135,15 @@ def sampled_population(
     count, size, p = drawn.shape
     centred = drawn - population.centre
     squares = _quadratic(centred).reshape(count * size, -1)
+    unlikely = np.exp(log_prior.min(axis=1, keepdims=True) - log_prior)[:, :, None]
     scale = (population.freedom - p - 1) * population.windows
     between_cars = np.linalg.inv(population.cars)
     each = np.arange(count)
     # Chains begin where each window alone would lie under the population, as they move slowly.
     alone = _coefficients(np.zeros((1, p)), np.linalg.inv(population.cars + scale)[None])
-    first = (squares @ alone.T).reshape(count, size, 1) - log_prior[:, :, None]
-    chosen = centred[each, _one_of(np.repeat(first, CHAINS, axis=2), rng)]
+    first = (squares @ alone.T).reshape(count, size, 1)
+    likely = unlikely * np.exp(first - first.max(axis=1, keepdims=True))
+    chosen = centred[each, _one_of(np.repeat(likely, CHAINS, axis=2), rng)]
     mean = chosen.mean(axis=1)
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
@@ -152,10 +157,12 @@ def sampled_population(
         covariance = np.asarray(np.linalg.inv(weighted + between_cars), float)
         pulled = np.einsum("cij,ck,ckj->ci", precision, weights, chosen)
         mean = np.einsum("cij,cj->ci", covariance, pulled) + _normal(covariance, rng)
-        distances = -2.0 * (squares @ _coefficients(mean, precision).T)
-        log = -0.5 * (TAILS + p) * np.log(1.0 + np.maximum(distances, 0.0) / TAILS)
-        log = log.reshape(count, size, CHAINS) - log_prior[:, :, None]
-        chosen = centred[each, _one_of(log, rng)]
+        coefficients = -2.0 / TAILS * _coefficients(mean, precision)
+        coefficients[:, 0] += 1.0
+        likely = (squares @ coefficients.T).reshape(count, size, CHAINS)
+        np.power(likely, -0.5 * (TAILS + p), out=likely)
+        likely *= unlikely
+        chosen = centred[each, _one_of(likely, rng)]
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
@@ -167,11 +174,22 @@ def sampled_population(
     return Car(*(np.concatenate(rows) for rows in (values, covariances, further)))
 
 
-def _one_of(log: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """(C, K) a draw's place for each chain and window, by log probabilities (K, n, C)."""
-    chances = np.exp(log - log.max(axis=1, keepdims=True)).cumsum(axis=1)
-    reached = chances < rng.random((len(log), 1, log.shape[2])) * chances[:, -1:]
-    return np.asarray(reached.sum(axis=1).T)
+def _one_of(chances: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+    """(C, K) a draw's place for each chain and window, by what is proportional to chances (K, n, C).
+
+    First a block of draws is chosen, and then one of these.
+    """
+    count, size, chains = chances.shape
+    width = math.gcd(size, WIDEST)
+    blocks = chances.reshape(count, -1, width, chains)
+    reached = blocks.sum(axis=2).cumsum(axis=1)
+    aim = (rng.random((count, 1, chains)) * reached[:, -1:])[:, 0]
+    window, chain = np.arange(count)[:, None], np.arange(chains)
+    block = np.minimum((reached < aim[:, None]).sum(axis=1), reached.shape[1] - 1)
+    aim -= np.where(block > 0, reached[window, block - 1, chain], 0.0)
+    inside = blocks[window, block, :, chain].cumsum(axis=2)
+    at = np.minimum((inside < aim[:, :, None]).sum(axis=2), width - 1)
+    return np.asarray((width * block + at).T)
 
 
 def _quadratic(phi: FloatArray) -> FloatArray:

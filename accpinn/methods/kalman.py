@@ -1,19 +1,31 @@
 """The exact likelihood of a linear state-space model, by a Kalman filter over many models at once.
 
-With predicted state x and covariance P, the measurements of an instant are taken in one by one,
-as their noise is independent (e and s are innovation and its variance):
+With predicted state x and covariance P, of which the first three states are measured (C), noise R,
+transition F and added covariance Q, an instant with measurements y is
 
-    e = y_i - x_i,   s = P_ii + R_i,   K = P_·i / s,   x += K e,   P -= K P_i·
-    log L = -½ Σ (e²/s + log 2πs);   then x = F x,  P = F P Fᵀ + Q.
+    C P Cᵀ + R = W⁻¹ V W⁻ᵀ,   e = W (y - C x),   K = V⁻¹ W C P Fᵀ,
+    log L = -½ Σ (e²/v + log 2πv),   x = F x + Kᵀ e,   P = F P Fᵀ - Kᵀ V K + Q
 
-A missing sample is not taken in. Once P no longer changes and nothing is missing, neither do the
-gains, and what is left is one linear recursion, which goes on in blocks of instants. Sets of
-parameters, followers and windows lie on the last axis, so that a step in time is one operation for
-all that miss the same samples. P does not depend on the measurements, so that complete windows of
-one model share it.
+with V diagonal and W unit lower triangular: e are the innovations of the measurements taken in one
+by one, as their noise is independent. A missing sample has infinite noise. Once P no longer changes
+and nothing is missing, neither do the gains K, and what is left is one linear recursion, which goes
+on in blocks of instants.
 
-Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters
-4 (filter, smoother) and 6.4 (one measurement at a time).
+Where nothing is missing at all, that recursion does for all instants. P has its limit P* from the
+first one on if the first state's mean is δ ~ N(0, P₀ - P*), and δ enters linearly: with b and O
+from Σ e²/v = const - 2 bᵀδ + δᵀO δ, its most probable value is δ = (1 + (P₀ - P*) O)⁻¹ (P₀ - P*) b,
+
+    log L = -½ [Σ (e²/v + log 2πv) + δᵀ(b - O δ) + log |1 + (P₀ - P*) O|],   e with that δ.
+
+P* and the information on the first state, from which O follows, come from doubling the instants.
+
+Models, each with r series of measurements, lie on the first axis here, states and measurements on
+the last, as products of many small matrices are fastest so.
+
+Sources: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters 4
+(filter, smoother) and 6.4 (one measurement at a time); Lainiotis, IEEE Trans. Autom. Control 16
+(1971) 160-170 (a first state in two parts); Anderson, International Journal of Control 28 (1978)
+295-306 (doubling).
 """
 
 from collections.abc import Iterator
@@ -29,10 +41,19 @@ from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-11
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-BLOCK = 7
-"""Instants whose innovations are found at once with constant gains; more and fewer are slower."""
-STRETCH = 30_000
-"""Instants times models that a step of constant gains covers, so that they fit the cache."""
+DOUBLED, DOUBLINGS = 1e-6, 16
+"""Largest change of a variance in a doubling after which there is no further one, as the next one
+would change the square of it; and most of them."""
+FORGOTTEN = 1e-10
+"""Largest share of a state that later ones keep, taken for none."""
+BLOCK = 8
+"""Instants whose innovations are found at once with constant gains, a power of two; more and fewer
+are slower."""
+STRETCH = 40_000
+"""Instants times models with constant gains at once, so that they fit the cache."""
+JOINED = 64
+"""Most instants with gains of their own whose innovations are summed at once."""
+WIDTH = len(OBSERVED)
 LOG_TWO_PI = float(np.log(2 * np.pi))
 Places = NDArray[np.intp]
 
@@ -76,6 +97,43 @@ class Pairs(NamedTuple):
         return cls(np.arange(count), np.arange(count))
 
 
+class Part(NamedTuple):
+    """A part of -2 log L: of u models, each with r series, over K instants."""
+
+    columns: Places
+    """(u, r) of B pairs; -1 where a model has fewer series than others."""
+    errors: FloatArray
+    """(u, r, K, 3) e, in units; 0 where a sample is missing."""
+    variances: FloatArray
+    """(u, K, 3) v, or (u, 1, 3) where all instants have the same; 1 where a sample is missing."""
+    units: FloatArray | None
+    """The same of the first of the models that are together, whose roots are the units; None where
+    each is by itself."""
+    more: FloatArray | float = 0.0
+    """(u, r) what the first state adds."""
+    first: FloatArray | None = None
+    """(u, r, n) the most probable first state, in its deviations, where models are together."""
+
+    @property
+    def each(self) -> int:
+        """How many instants have each of the variances."""
+        return int(self.errors.shape[2]) // self.variances.shape[1]
+
+    @property
+    def deviance(self) -> FloatArray:
+        """(u, r): the part, without the constant."""
+        if self.units is None:
+            squares = np.einsum("urkc,urkc->ur", self.errors, self.errors)
+        elif self.each > 1:
+            by_row = np.einsum("urkc,urkc->urc", self.errors, self.errors)
+            squares = (by_row * (self.units / self.variances)).sum(axis=2)
+        else:
+            by_instant = self.errors**2 * (self.units / self.variances)[:, None]
+            squares = by_instant.sum(axis=(2, 3))
+        logs = self.each * np.log(self.variances).sum(axis=(1, 2))
+        return np.asarray(squares + logs[:, None] + self.more)
+
+
 def log_likelihood(
     model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
 ) -> FloatArray:
@@ -84,11 +142,88 @@ def log_likelihood(
     By default each model meets its own measurements.
     """
     pairs = pairs or Pairs.each(measured.shape[2])
-    total = np.zeros(len(pairs.series))
-    for columns, _, steps in _by_columns(model, measured, pairs):
-        for step in steps:
-            total[columns] = step.added_to(total[columns])
+    total = constant(measured, pairs)
+    for part in parts(model, measured, pairs):
+        is_there = part.columns >= 0
+        total[part.columns[is_there]] += part.deviance[is_there]
     return -0.5 * total
+
+
+def constant(measured: FloatArray, pairs: Pairs) -> FloatArray:
+    """(B,): the constant of -2 log L."""
+    counts = np.count_nonzero(~np.isnan(measured), axis=(0, 1))
+    return np.asarray(LOG_TWO_PI * counts[pairs.series])
+
+
+def parts(
+    model: StateSpace, measured: FloatArray, pairs: Pairs, together: int = 1
+) -> Iterator[Part]:
+    """The parts of -2 log L of all pairs; arguments as for `log_likelihood`.
+
+    So many models one after another as are ``together`` hardly differ and have the same series;
+    they have their innovations in the same units.
+    """
+    used, own_series = np.unique(pairs.series, return_inverse=True)
+    known = ~np.isnan(measured[:, :, used])
+    for alike in _alike(known):
+        part = known[:, :, alike]
+        end = _end(part)
+        member = np.full(len(used), -1)
+        member[alike] = np.arange(part.shape[2])
+        columns = np.flatnonzero(member[own_series] >= 0)
+        models, taken = pairs.models[columns], measured[:end, :, used[alike]]
+        if end and part[:end].all():
+            models, columns = _by_model(models, columns)
+            series = member[own_series[columns]]
+            yield from _whole_parts(model.of(models), taken, series, columns, together)
+        else:
+            taken = taken[:, :, member[own_series[columns]]]
+            yield from _instants_parts(model.of(models), taken, columns[:, None], together)
+
+
+def _by_model(models: Places, columns: Places) -> tuple[Places, Places]:
+    """Different models (u,), and the columns (u, r) of each, from (B,); -1 where one has fewer."""
+    different, which, counts = np.unique(models, return_inverse=True, return_counts=True)
+    order = np.argsort(which, kind="stable")
+    rank = np.arange(len(which)) - np.repeat(counts.cumsum() - counts, counts)
+    table = np.full((len(different), counts.max(initial=0)), -1)
+    table[which[order], rank] = columns[order]
+    return different, table
+
+
+def _instants_parts(
+    model: StateSpace, measured: FloatArray, columns: Places, together: int
+) -> Iterator[Part]:
+    """Those of models each with measurements (N, 3, u), of which some are missing."""
+    waiting = list[_Step]()
+    for step in _filtered(model, measured):
+        if waiting and (step.constant or len(waiting) == JOINED):
+            yield _joined(waiting, columns, together)
+            waiting = []
+        if step.constant is None:
+            waiting.append(step)
+        else:
+            variances = step.gains.variances[:, None]
+            units = _units(variances, together)
+            errors = (step.errors / np.sqrt(variances if units is None else units))[:, None]
+            yield Part(columns, errors, variances, units)
+    if waiting:
+        yield _joined(waiting, columns, together)
+
+
+def _joined(steps: "list[_Step]", columns: Places, together: int) -> Part:
+    """The innovations of instants with gains of their own."""
+    variances = np.stack([step.gains.variances for step in steps], axis=1)
+    variances[np.isinf(variances)] = 1.0
+    units = _units(variances, together)
+    errors = np.concatenate([step.errors for step in steps], axis=1)
+    errors /= np.sqrt(variances if units is None else units)
+    return Part(columns, errors[:, None], variances, units)
+
+
+def _units(variances: FloatArray, together: int) -> FloatArray | None:
+    """(u, ..) the variances of the first of the models that are together."""
+    return None if together == 1 else np.repeat(variances[::together], together, axis=0)
 
 
 def innovations(
@@ -96,51 +231,23 @@ def innovations(
 ) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
     pairs = pairs or Pairs.each(measured.shape[2])
-    known: Mask = np.asarray(~np.isnan(measured))[:, :, pairs.series]
-    errors, total = np.zeros(known.shape), np.zeros(known.shape[2])
-    steps = []
-    changes = np.zeros(len(measured), bool)
-    changes[:1] = True
-    for columns, end, each in _by_columns(model, measured, pairs):
-        for step in each:
-            total[columns] = step.added_to(total[columns])
-            for k, row in enumerate(step.rows):
-                errors[step.at, row, columns] = step.errors[:, k]
-            steps.append((columns, step.rows, step.at, step.variances))
-            changes[step.first] = True
-        changes[end : end + 1] = True
-    which = changes.cumsum() - 1
-    distinct = np.ones((changes.sum(), *known.shape[1:]))
-    for columns, rows, at, variances in steps:
-        places = slice(which[at.start], which[at.stop - 1] + 1)
-        for row, variance in zip(rows, variances, strict=True):
-            distinct[places, row, columns] = np.where(np.isinf(variance), 1.0, variance)
-    return -0.5 * total, Innovations(errors, known, distinct, which)
-
-
-def _by_columns(
-    model: StateSpace, measured: FloatArray, pairs: Pairs
-) -> Iterator[tuple[Places, int, "Iterator[_Step]"]]:
-    """Pairs that are filtered together, how many instants they have, and the filter over these.
-
-    The arguments are those of `log_likelihood`.
-    """
-    used, own_series = np.unique(pairs.series, return_inverse=True)
-    known = ~np.isnan(measured[:, :, used])
+    measured = measured[:, :, pairs.series]
+    known: Mask = np.asarray(~np.isnan(measured))
+    errors, variances = np.zeros(known.shape), np.ones(known.shape)
+    changes = np.zeros(len(known) + 1, bool)
+    changes[0] = True
     for alike in _alike(known):
-        part = known[:, :, alike]
-        instants = np.flatnonzero(part.any(axis=(1, 2)))
-        end = int(instants[-1]) + 1 if len(instants) else 0
-        member = np.full(len(used), -1)
-        member[alike] = np.arange(part.shape[2])
-        columns = np.flatnonzero(member[own_series] >= 0)
-        places, series = pairs.models[columns], own_series[columns]
-        values = measured[:end, :, used[series]]
-        shared, which = np.unique(places, return_inverse=True)
-        are_shared = len(shared) < len(places) and bool(part[:end].all())
-        sharing = (model.of(shared), which) if are_shared else ()
-        steps = _filtered(model.of(places), values, part[:end], member[series], *sharing)
-        yield columns, end, steps
+        end = _end(known[:, :, alike])
+        changes[end] = True
+        part = model.of(pairs.models[alike])
+        for step in _filtered(part, measured[:end, :, alike]):
+            there = step.gains.variances.T
+            errors[step.at, :, alike] = step.errors.transpose(1, 2, 0)
+            variances[step.at, :, alike] = np.where(np.isinf(there), 1.0, there)
+            changes[step.at.start] = True
+    which = changes[:-1].cumsum() - 1
+    found = Innovations(errors, known, variances[changes[:-1]], which)
+    return np.asarray(found.log_density.sum(axis=(0, 1))), found
 
 
 def _alike(known: Mask) -> Iterator[Columns]:
@@ -165,278 +272,392 @@ def _alike(known: Mask) -> Iterator[Columns]:
 
 def _incomplete(known: Mask) -> int:
     """Instants (N, 3, B) before the last sample at which one is missing."""
+    return _end(known) - int(known.all(axis=(1, 2)).sum())
+
+
+def _end(known: Mask) -> int:
+    """How many instants (N, 3, B) there are up to the last sample."""
     instants = np.flatnonzero(known.any(axis=(1, 2)))
-    whole = known.all(axis=(1, 2))
-    return int(instants[-1]) + 1 - int(whole.sum()) if len(instants) else 0
+    return int(instants[-1]) + 1 if len(instants) else 0
 
 
-def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """The products (n, B) of matrices (n, n, B) and vectors (n, B)."""
-    result: FloatArray = np.einsum("ijb,jb->ib", matrix, vector)
-    return result
+def first_axis(part: FloatArray) -> FloatArray:
+    """(u, n, m) from (n, m, u), in order in memory."""
+    return np.ascontiguousarray(part.transpose(2, 0, 1))
 
 
-class Covariance:
-    """Covariance and gains of U models, instant by instant."""
-
-    def __init__(self, model: StateSpace) -> None:
-        """Before the first instant."""
-        # Products of many small matrices are fastest with the models on the first axis.
-        self._transition, self._process, self.predicted = (
-            np.ascontiguousarray(part.transpose(2, 0, 1))
-            for part in (model.transition, model.process, model.first_covariance)
-        )
-        """(U, n, n), predicted for the present instant."""
-        self._back = np.ascontiguousarray(self._transition.transpose(0, 2, 1))
-        self._noise = model.noise
-        self.has_settled = False
-
-    def taken_in(
-        self, rows: tuple[int, ...], missing: dict[int, Mask]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Variances (r, U) and gains (r, n, U) of an instant's measurements.
-
-        The rows are those of p, v, u that are there; a row's sample may be ``missing`` (U,).
-        """
-        covariance = self.predicted
-        count, size, _ = covariance.shape
-        variances = np.empty((len(rows), count))
-        gains, taken = np.empty((2, len(rows), size, count))
-        for row, number in enumerate(rows):
-            i = OBSERVED[number]
-            taken[row] = covariance[:, i].T
-            for gain, other in zip(gains[:row], taken[:row], strict=True):
-                taken[row] -= gain[i] * other
-            variance = np.add(taken[row, i], self._noise[number], out=variances[row])
-            if number in missing:
-                variance[missing[number]] = np.inf
-            np.divide(taken[row], variance, out=gains[row])
-        self._updated = covariance
-        if rows:
-            left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
-            product = np.ascontiguousarray(left) @ np.ascontiguousarray(right)
-            self._updated = covariance - product
-        return variances, gains
-
-    def go_on(self, is_whole: bool) -> None:
-        """To the next instant; it may settle where no sample of this and that one is missing."""
-        after = self._transition @ self._updated @ self._back + self._process
-        after = (after + after.transpose(0, 2, 1)) / 2
-        self.has_settled = is_whole and _has_settled(self.predicted, after)
-        self.predicted = after
+def turned(matrix: FloatArray) -> FloatArray:
+    """The transposes (u, m, n) of matrices (u, n, m), in order in memory."""
+    return np.ascontiguousarray(matrix.transpose(0, 2, 1))
 
 
-def _has_settled(before: FloatArray, after: FloatArray) -> bool:
-    """Whether the covariances (U, n, n) are the same."""
-    if (np.abs(after[:, 0, 0] - before[:, 0, 0]) > SETTLED * after[:, 0, 0]).any():
-        return False
-    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after), 1e-30))
-    change = np.abs(after - before) / (deviation[:, :, None] * deviation[:, None])
-    return bool(change.max(initial=0.0) < SETTLED)
+def evened(matrix: FloatArray) -> FloatArray:
+    """Matrices (u, n, n) that rounding made uneven."""
+    return np.asarray((matrix + matrix.transpose(0, 2, 1)) / 2)
+
+
+class Gains(NamedTuple):
+    """What the filter does with the measurements of an instant."""
+
+    variances: FloatArray
+    """(u, 3) V; infinite where a sample is missing."""
+    whitening: FloatArray
+    """(u, 3, 3) W."""
+    moved: FloatArray
+    """(u, 3, n) V K."""
+
+    @classmethod
+    def of(cls, covariance: FloatArray, back: FloatArray, noise: FloatArray) -> "Gains":
+        """From P (u, n, n), Fᵀ (u, n, n), and the noise's variances (3, u)."""
+        p = np.ascontiguousarray(covariance[:, :WIDTH, :WIDTH].transpose(1, 2, 0))
+        count = len(covariance)
+        variances, whitening = np.empty((count, WIDTH)), np.tile(np.eye(WIDTH), (count, 1, 1))
+        first = p[0, 0] + noise[0]
+        v_on_p, u_on_p = p[1, 0] / first, p[2, 0] / first
+        second = p[1, 1] - v_on_p * p[1, 0] + noise[1]
+        left = p[2, 1] - u_on_p * p[1, 0]
+        u_on_v = left / second
+        third = p[2, 2] - u_on_p * p[2, 0] - u_on_v * left + noise[2]
+        variances[:, 0], variances[:, 1], variances[:, 2] = first, second, third
+        whitening[:, 1, 0], whitening[:, 2, 1] = -v_on_p, -u_on_v
+        whitening[:, 2, 0] = u_on_v * v_on_p - u_on_p
+        return cls(variances, whitening, whitening @ (covariance[:, :WIDTH] @ back))
+
+    @property
+    def gains(self) -> FloatArray:
+        """(u, 3, n) K."""
+        return self.moved / self.variances[:, :, None]
+
+    def models(self, some: slice) -> "Gains":
+        """Those of some models."""
+        return Gains(*(part[some] for part in self))
+
+
+# Where nothing is missing
+
+
+def _whole_parts(
+    model: StateSpace, measured: FloatArray, series: Places, columns: Places, together: int
+) -> Iterator[Part]:
+    """Those of measurements (N, 3, S), of which each of u models has the ``series`` (u, r)."""
+    samples, (count, each) = len(measured), series.shape
+    filled = np.concatenate([measured, np.tile(measured[-1:], (-samples % BLOCK, 1, 1))])
+    blocks, transition = _blocks(filled), first_axis(model.transition)
+    process = first_axis(model.process)
+    covariance, information = _limits(transition, process, model.noise, together)
+    gains = Gains.of(covariance, turned(transition), model.noise)
+    apart = first_axis(model.first_covariance) - covariance
+    width = max(1, STRETCH // (samples * each * together)) * together
+    for at in range(0, count, width):
+        some = slice(at, min(at + width, count))
+        own, inputs = gains.models(some), blocks[series[some]]
+        inputs[..., ::WIDTH] -= model.shift[some, None, None, None]
+        constant = ConstantGain(transition[some], own)
+        errors, push, more = constant.whole(inputs, samples, apart[some], information[some])
+        variances, first = own.variances[:, None], None
+        units = _units(variances, together)
+        if units is not None:
+            first = push @ _root(apart[some])
+            errors *= np.tile(np.sqrt(variances / units), BLOCK)[:, None]
+        errors = errors.reshape(*series[some].shape, -1, WIDTH)[:, :, :samples]
+        yield Part(columns[some], errors, variances, units, more, first)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """Cholesky's root of matrices (u, n, n) that may be singular, or not be positive by rounding."""
+    root = np.zeros_like(covariance)
+    for k in range(covariance.shape[1]):
+        column = covariance[:, k:, k] - (root[:, k:, :k] @ root[:, k, :k, None])[:, :, 0]
+        is_there = column[:, 0] > 1e-12 * covariance[:, k, k]
+        pivot = np.sqrt(np.where(is_there, column[:, 0], 1.0))
+        root[:, k:, k] = column * (is_there / pivot)[:, None]
+    return root
+
+
+def _limits(
+    transition: FloatArray, process: FloatArray, noise: FloatArray, together: int
+) -> tuple[FloatArray, FloatArray]:
+    """(u, n, n) P*, and O of all instants to come.
+
+    From F (u, n, n), Q (u, n, n), and the noise's variances (3, u). Of models that are together and
+    hardly differ, those beside the first follow from its limits by one step of Newton's method.
+    """
+    covariance, information = _doubled(
+        transition[::together], process[::together], noise[:, ::together]
+    )
+    if together == 1:
+        return covariance, information
+    back, size = turned(transition), transition.shape[1]
+    covariance, information = (
+        np.repeat(part, together, axis=0) for part in (covariance, information)
+    )
+    gains = Gains.of(covariance, back, noise)
+    off = transition @ (covariance @ back) - turned(gains.moved) @ gains.gains
+    off += process - covariance
+    near = ConstantGain(transition[::together], gains.models(slice(None, None, together)))
+    covariance = evened(covariance + near.summed(off, together))
+    gains = Gains.of(covariance, back, noise)
+    own = ConstantGain(transition, gains)
+    off = own.back @ information @ turned(own.back) - information
+    off[:, :WIDTH, :WIDTH] += turned(own.whitening) @ own.whitening
+    return covariance, evened(information + near.summed(off, together, is_back=True))
+
+
+def _doubled(
+    transition: FloatArray, process: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same, by doubling the instants."""
+    unit, covariance = np.eye(transition.shape[1]), process
+    forward, back = transition, turned(transition)
+    information = np.zeros_like(transition)  # on the first state
+    for i, variances in zip(OBSERVED, noise, strict=True):
+        information[:, i, i] = 1.0 / variances
+    for _ in range(DOUBLINGS):
+        inverse = np.linalg.inv(unit + information @ covariance)
+        moved = inverse @ back
+        added = forward @ (covariance @ moved)
+        information = evened(information + back @ (inverse @ information) @ forward)
+        covariance = evened(covariance + added)
+        back = back @ moved
+        forward = turned(back)
+        variances = np.einsum("uii->ui", covariance)
+        if not (np.einsum("uii->ui", added) > DOUBLED * variances).any():
+            break
+    inverse = np.linalg.inv(unit + information @ covariance)
+    return covariance, evened(inverse @ information)
 
 
 class ConstantGain:
-    """A step of the filter once its covariance has settled, as linear maps.
+    """A step of the filter with constant covariance, as linear maps of rows.
 
     Over a block of instants, innovations and next state are one linear map of the state at its
     start and of all its measurements.
     """
 
-    def __init__(self, model: StateSpace, variances: FloatArray, gains: FloatArray) -> None:
-        """Those of an instant after which the covariance has settled, see `Covariance.taken_in`."""
-        size, count = model.first.shape
-        whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
-        for row, (i, gain) in enumerate(zip(OBSERVED, gains, strict=True)):
-            whitening[row, row] = 1.0
-            whitening[row] -= total[i]
-            total = total + gain[:, None] * whitening[row]
-        self._variances, self._whitening = variances, whitening
-        """(3, B), and (3, 3, B) from y minus the predicted p, v, u to the innovations."""
-        self._drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
-        """(n, 3, B): what the measurements add to the next predicted state."""
-        self._transition = model.transition.copy()
-        """(n, n, B): of the predicted state, the measurements' share taken out."""
-        self._transition[:, OBSERVED] -= self._drive
+    def __init__(self, transition: FloatArray, gains: Gains) -> None:
+        """From F (u, n, n)."""
+        self.whitening = gains.whitening / np.sqrt(gains.variances)[:, :, None]
+        """(u, 3, 3): from measurements less the predicted ones to e, in its deviations."""
+        self._drive = turned(gains.whitening) @ gains.gains
+        """(u, 3, n): what the measurements add to the next predicted state."""
+        self.back = turned(transition)
+        """(u, n, n): of the predicted state, the measurements' share taken out."""
+        self.back[:, :WIDTH] -= self._drive
 
     @cached_property
     def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Over L = `BLOCK` instants, the first three with the models on the first axis.
+        """Over L = `BLOCK` instants.
 
-        (B, n, 3 L): from measurements to the state after them; (B, 3 L, n): from the state before
-        to the innovations; (B, 3 L, 3 L): from measurements to the innovations; (n, n, B): from the
+        (u, 3 L, n): from measurements to the state after them; (u, n, 3 L): from the state before
+        to the innovations; (u, 3 L, 3 L): from measurements to the innovations; (u, n, n): from the
         state before to the one after.
         """
-        transition, drive, whitening = (
-            np.ascontiguousarray(part.transpose(2, 0, 1))
-            for part in (self._transition, self._drive, self._whitening)
-        )
-        count, size, width = drive.shape
-        pushes = np.empty((count, size, BLOCK, width))
-        free = np.empty((count, BLOCK, width, size))
-        direct = np.zeros((count, BLOCK, width, BLOCK, width))
-        predicted = -whitening @ np.eye(width, size)
-        reached = predicted
-        for k in range(BLOCK):
-            free[:, k], direct[:, k, :, k], pushes[:, :, BLOCK - 1 - k] = reached, whitening, drive
-            answered = predicted @ drive
-            for start in range(BLOCK - 1 - k):
-                direct[:, start + k + 1, :, start] = answered
-            reached, drive = reached @ transition, transition @ drive
-        rows = BLOCK * width
-        return (
-            pushes.reshape(count, size, rows),
-            free.reshape(count, rows, size),
-            direct.reshape(count, rows, rows),
-            self._power(BLOCK),
-        )
-
-    def _power(self, instants: int) -> FloatArray:
-        """(n, n, B): the transition over some instants."""
-        power = np.linalg.matrix_power(self._transition.transpose(2, 0, 1), instants)
-        return np.ascontiguousarray(power.transpose(1, 2, 0))
+        count, _, size = self._drive.shape
+        rows, whitening = BLOCK * WIDTH, turned(self.whitening)
+        pushes, free = np.empty((count, rows, size)), np.zeros((count, size, rows))
+        pushes[:, -WIDTH:], free[:, :WIDTH, :WIDTH] = self._drive, -whitening
+        power, reach = self.back, WIDTH
+        while reach < rows:
+            pushes[:, -2 * reach : rows - reach] = pushes[:, -reach:] @ power
+            free[:, :, reach : 2 * reach] = power @ free[:, :, :reach]
+            power, reach = power @ power, 2 * reach
+        responses = np.concatenate([whitening, self._drive @ free[:, :, :-WIDTH]], axis=2)
+        direct = np.zeros((count, rows, rows))
+        for start in range(0, rows, WIDTH):
+            direct[:, start : start + WIDTH, start:] = responses[:, :, : rows - start]
+        return pushes, free, direct, power
 
     def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Innovations (K, 3, B) of measurements (K, 3, B), and the state predicted after them.
+        """Innovations (u, r, m, 3 J), in deviations, of measurements (u, r, m, 3 J).
 
-        K is a whole number of blocks, or less than one; the state (n, B) is that predicted for the
-        first instant.
+        They are m blocks of `BLOCK` instants J, or one of less; the state (u, r, n) is that
+        predicted for the first instant. Also returned is the state after them.
         """
         pushes, free, direct, power = self._block
-        samples, width, count = measured.shape
-        length = min(samples, BLOCK)
-        rows, blocks = length * width, samples // length
-        inputs = np.ascontiguousarray(measured.reshape(blocks, rows, count).transpose(2, 1, 0))
-        pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
-        if length < BLOCK:
-            power = self._power(length)
-        states = recursion(power, pushed, state)
-        starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
-        errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
-        return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
+        count, series, blocks, rows = measured.shape
+        if rows < len(direct[0]):
+            power = np.linalg.matrix_power(self.back, rows // WIDTH)
+        inputs = measured.reshape(count, -1, rows)
+        pushed = (inputs @ pushes[:, -rows:]).reshape(count, series, blocks, -1)
+        every = recursion(power, pushed, state)
+        starts = every[:, :, :-1].reshape(count, series * blocks, -1)
+        errors = inputs @ direct[:, :rows, :rows]
+        errors += starts @ free[:, :, :rows]
+        return errors.reshape(measured.shape), every[:, :, -1]
 
-    def states(self, measured: FloatArray, state: FloatArray) -> FloatArray:
-        """(K, n, B) predicted under measurements (K, 3, B), from (n, B) for the first instant."""
-        driven = np.einsum("ijb,kjb->kib", self._drive, measured)
-        return recursion(self._transition, driven, state)[:-1]
+    def whole(
+        self, measured: FloatArray, samples: int, apart: FloatArray, information: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Innovations (u, r, m, 3 L), in deviations, with the most probable first state δ.
+
+        From measurements (u, r, m, 3 L), of which so many ``samples`` N are there, P₀ - P*
+        (u, n, n), and O (u, n, n) of all instants to come. Also returned are b - O δ (u, r, n), and
+        (u, r) what δ adds to -2 log L.
+        """
+        _, free, _, power = self._block
+        blocks, kept, reach = measured.shape[2], power, 1
+        while reach < blocks and np.abs(kept).max() > FORGOTTEN:
+            kept, reach = kept @ kept, 2 * reach
+        zero = np.zeros((*measured.shape[:2], len(power[0])))
+        near = zero.copy()  # what is measured first, which the first state will be close to
+        near[..., :WIDTH] = measured[:, :, 0, :WIDTH]
+        errors = self.over(measured, near)[0]
+        errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
+        if reach >= blocks:
+            reach, after = blocks, np.linalg.matrix_power(self.back, samples)
+            information = information - after @ information @ turned(after)
+        by_block = errors[:, :, :reach] @ turned(free)[:, None]
+        b = -recursion(turned(power), by_block[:, :, ::-1], zero)[:, :, -1]
+        matrix = np.eye(len(power[0])) + apart @ information
+        further = turned(np.linalg.solve(matrix, turned(b @ apart - near)))
+        push = b - further @ information
+        more = ((near + further) * push).sum(axis=2) + np.linalg.slogdet(matrix)[1][:, None]
+        states = recursion(power, np.zeros_like(by_block[:, :, 1:]), further)
+        errors[:, :, :reach] += states @ free[:, None]
+        errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
+        return errors, push, more
+
+    def summed(self, matrices: FloatArray, together: int, is_back: bool = False) -> FloatArray:
+        """Sums of A^k M Aᵀ^k over all k, of symmetric matrices M (u, n, n), so many per A together.
+
+        The other way round, ``is_back``, they are of Aᵀ^k M A^k.
+        """
+        count, size, _ = self.back.shape
+        power = turned(self.back) if is_back else self.back
+        total = matrices
+        for _ in range(DOUBLINGS):
+            half = total.reshape(count, -1, size) @ power
+            half = turned(half.reshape(-1, size, size)).reshape(count, -1, size)
+            added = (half @ power).reshape(total.shape)
+            total = total + added
+            if not (np.abs(added) > DOUBLED * np.abs(total).max()).any():
+                break
+            power = power @ power
+        return total
+
+    def states(self, measured: FloatArray, states: FloatArray) -> FloatArray:
+        """(u, K, n) predicted under measurements (u, K, 3), from (u, n) for the first instant."""
+        driven = (measured @ self._drive)[:, None]
+        return recursion(self.back, driven, states[:, None])[:, 0, :-1]
 
     def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
-        """The smoother's r (K, n, B) at K instants, from that after them (n, B)."""
-        back = np.ascontiguousarray(self._transition.transpose(1, 0, 2))
-        pushes = np.zeros((len(errors), *information.shape))
-        weighted = errors[::-1] / self._variances
-        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self._whitening, weighted)
-        return recursion(back, pushes, information)[:0:-1]
+        """The smoother's r (u, K, n) from that after K instants (u, n), and their errors (u, K, 3).
+
+        These are in their deviations.
+        """
+        pushes = np.zeros((len(errors), 1, errors.shape[1], information.shape[1]))
+        pushes[:, 0, :, :WIDTH] = errors[:, ::-1] @ self.whitening
+        every = recursion(turned(self.back), pushes, information[:, None])
+        return every[:, 0, :0:-1]
 
 
-def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
-    """(K+1, n, B) x_{k+1} = F x_k + d_k of B systems, from F (n, n, B), d (K, n, B), x_0 (n, B)."""
-    states = np.empty((len(driven) + 1, *state.shape))
-    states[0] = state
-    for k, push in enumerate(driven):
-        np.add(times(transition, states[k]), push, out=states[k + 1])
+def recursion(back: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
+    """(u, r, m+1, n) of the rows x_{k+1} = x_k B + d_k, from B (u, n, n), d (u, r, m, n), x_0.
+
+    They are cut into stretches that go on together: first each from zero, which gives where all of
+    them begin, and then from there.
+    """
+    count, series, m, size = driven.shape
+    steps = max(1, round(np.sqrt(m)))
+    whole = m - m % steps
+    states = np.empty((count, series, m + 1, size))
+    states[:, :, 0] = state
+    single, over_stretch = back[:, None], np.linalg.matrix_power(back, steps)[:, None]
+    ends = driven[:, :, :whole:steps]
+    for k in range(1, steps):
+        ends = ends @ single + driven[:, :, k:whole:steps]
+    begins = states[:, :, ::steps]
+    for k in range(ends.shape[2]):
+        begins[:, :, k + 1] = (begins[:, :, k, None] @ over_stretch)[:, :, 0] + ends[:, :, k]
+    reached = begins
+    for k in range(1, min(steps, m + 1)):
+        later = states[:, :, k::steps]
+        reached = reached[:, :, : later.shape[2]] @ single
+        reached += driven[:, :, k - 1 :: steps][:, :, : later.shape[2]]
+        later[:] = reached
     return states
 
 
+def _blocks(measured: FloatArray) -> FloatArray:
+    """(S, m, 3 J) the measurements (J m, 3, S) of m blocks of `BLOCK` instants J, or one of less."""
+    each, count = min(BLOCK, len(measured)), measured.shape[2]
+    blocks = measured.reshape(-1, each * WIDTH, count)
+    return np.ascontiguousarray(blocks.transpose(2, 0, 1))
+
+
+# Instant by instant
+
+
 class _Step(NamedTuple):
-    """The filter at one instant, or at K of them that have the same gains."""
+    """The filter at one instant, or at several that have the same gains."""
 
     first: int
     """The instant, or the first of them."""
-    measured: FloatArray
-    """(K, 3, B): the measurements, without the intercept."""
-    rows: tuple[int, ...]
-    """The r of them that are taken in."""
-    state: FloatArray
-    """(n, B): predicted for the first instant."""
     covariance: FloatArray
-    """(B, n, n): predicted; (U, n, n) where models are shared."""
+    """(u, n, n): predicted."""
+    state: FloatArray
+    """(u, n): predicted for the first instant."""
+    gains: Gains
     errors: FloatArray
-    """(K, r, B)"""
-    variances: FloatArray
-    """(r, B); infinite where a sample is missing."""
-    gains: FloatArray
-    """(r, n, B)"""
+    """(u, K, 3) e; 0 where a sample is missing."""
+    measured: FloatArray | None = None
+    """(u, K, 3): the measurements of several instants, without the intercept."""
     constant: ConstantGain | None = None
-    """The maps that the instants share; None for a single instant."""
+    """The maps that these share."""
 
     @property
     def at(self) -> slice:
         """The instants."""
-        return slice(self.first, self.first + len(self.measured))
-
-    @property
-    def states(self) -> FloatArray:
-        """(K, n, B): predicted."""
-        if self.constant is None:
-            return self.state[None]
-        return self.constant.states(self.measured, self.state)
-
-    def added_to(self, total: FloatArray) -> FloatArray:
-        """(B,): a total of -2 log L with these measurements."""
-        if self.constant is None:
-            density = self.errors[0] ** 2 / self.variances + np.log(self.variances) + LOG_TWO_PI
-            missing = np.isinf(self.variances)
-            return np.asarray(total + np.where(missing, 0.0, density).sum(axis=0))
-        squares = np.einsum("krb,krb->rb", self.errors, self.errors)
-        constant = np.log(self.variances) + LOG_TWO_PI
-        added = squares / self.variances + len(self.errors) * constant
-        return np.asarray(total + added.sum(axis=0))
+        return slice(self.first, self.first + self.errors.shape[1])
 
 
-def _filtered(
-    model: StateSpace,
-    measured: FloatArray,
-    known: Mask,
-    series: Columns,
-    shared: StateSpace | None = None,
-    which: Columns = slice(None),
-) -> Iterator[_Step]:
-    """The filter over measurements (N, 3, B), ``known`` (N, 3, S) of the ``series`` of each column.
-
-    Where all are there, the models may be those that are ``shared`` (U), each column ``which``.
-    """
-    shared = shared or model
-    if model.shift.any():
-        measured = measured.copy()
-        measured[:, OBSERVED[0]] -= model.shift
-    somewhere: Mask = np.asarray(known.any(axis=2))
-    everywhere: Mask = np.asarray(known.all(axis=2))
-    whole: Mask = np.asarray(everywhere.all(axis=1))
-    samples, _, count = measured.shape
-    state, covariance = model.first, Covariance(shared)
-    k = 0
+def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
+    """The filter over measurements (N, 3, u), each with a model of its own."""
+    known = ~np.isnan(measured)
+    whole: Mask = np.asarray(known.all(axis=(1, 2)))
+    instants = np.ascontiguousarray(measured.transpose(0, 2, 1))
+    instants[:, :, OBSERVED[0]] -= model.shift
+    transition, process, covariance = map(
+        first_axis, (model.transition, model.process, model.first_covariance)
+    )
+    back, state, samples, k = turned(transition), model.first.T, len(measured), 0
     while k < samples:
-        predicted, before = state, covariance.predicted
-        rows = tuple(np.flatnonzero(somewhere[k]).tolist())
-        missing = {
-            number: ~known[k, number, series] for number in rows if not everywhere[k, number]
-        }
-        variances, gains = (part[..., which] for part in covariance.taken_in(rows, missing))
-        errors = np.empty((1, len(rows), count))
-        for row, number in enumerate(rows):
-            error = np.subtract(measured[k, number], state[OBSERVED[number]], out=errors[0, row])
-            if number in missing:
-                error[missing[number]] = 0.0
-            state = state + gains[row] * error
-        taken_in = measured[k : k + 1]
-        step = _Step(k, taken_in, rows, predicted, before, errors, variances, gains)
-        yield step
-        state = times(model.transition, state)
+        away, noise = instants[k] - state[:, :WIDTH], model.noise
+        missing = ~known[k].T
+        if not whole[k]:
+            away[missing], noise = 0.0, np.where(missing.T, np.inf, noise)
+        gains = Gains.of(covariance, back, noise)
+        errors = np.einsum("uij,uj->ui", gains.whitening, away)
+        errors[missing] = 0.0
+        yield _Step(k, covariance, state, gains, errors[:, None])
+        before, gain = covariance, gains.gains
+        state = (state[:, None] @ back + errors[:, None] @ gain)[:, 0]
+        covariance = transition @ (covariance @ back) - turned(gains.moved) @ gain
+        covariance = evened(covariance + process)
         k += 1
-        covariance.go_on(is_whole=bool(k < samples and whole[k - 1] and whole[k]))
-        if covariance.has_settled:
+        may_settle = k < samples and whole[k - 1] and whole[k]
+        if may_settle and _has_settled(before, covariance):
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
-            constant = ConstantGain(model, variances, gains)
-            before = covariance.predicted
-            while k < end:
-                blocks = max(1, min((end - k) // BLOCK, STRETCH // (BLOCK * count)))
-                taken_in = measured[k : min(end, k + blocks * BLOCK)]
-                errors, after = constant.over(taken_in, state)
-                yield _Step(
-                    k, taken_in, step.rows, state, before, errors, variances, gains, constant
-                )
-                state = after
-                k += len(taken_in)
+            constant = ConstantGain(transition, gains)
+            for last in (end - (end - k) % BLOCK, end):
+                if last > k:
+                    taken_in = instants[k:last].transpose(1, 0, 2)
+                    blocks = _blocks(instants[k:last].transpose(0, 2, 1))[:, None]
+                    errors, after = constant.over(blocks, state[:, None])
+                    errors = errors.reshape(len(state), -1, WIDTH)
+                    errors *= np.sqrt(gains.variances)[:, None]
+                    yield _Step(k, covariance, state, gains, errors, taken_in, constant)
+                    state, k = after[:, 0], last
+
+
+def _has_settled(before: FloatArray, after: FloatArray) -> bool:
+    """Whether the covariances (u, n, n) are the same."""
+    former, variances = np.einsum("uii->ui", before), np.einsum("uii->ui", after)
+    if (np.abs(variances - former) > SETTLED * variances).any():
+        return False
+    deviation = np.sqrt(np.maximum(variances, 1e-30))
+    change = np.abs(after - before) / (deviation[:, :, None] * deviation[:, None])
+    return bool(change.max(initial=0.0) < SETTLED)
 
 
 def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
@@ -445,22 +666,22 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     Backward, Durbin and Koopman's r: the measurements of an instant are taken out, last first.
     """
     means = np.empty((len(measured), *model.first.shape))
-    known = ~np.isnan(measured)
-    for columns in _alike(known):
-        part = model.of(columns)
-        steps = _filtered(part, measured[:, :, columns], known[:, :, columns], slice(None))
-        back, information = part.transition.transpose(1, 0, 2), np.zeros_like(part.first)
-        for step in reversed(list(steps)):
-            if step.constant:
-                every = step.constant.backward(step.errors, information)
-                information = every[0]
+    for alike in _alike(~np.isnan(measured)):
+        part = model.of(alike)
+        transition, information = first_axis(part.transition), np.zeros(part.first.T.shape)
+        for step in reversed(list(_filtered(part, measured[:, :, alike]))):
+            if step.constant is None or step.measured is None:
+                gains = step.gains
+                left = step.errors - information[:, None] @ turned(gains.moved)
+                information = (information[:, None] @ transition)[:, 0]
+                weighted = left / gains.variances[:, None]
+                information[:, :WIDTH] += (weighted @ gains.whitening)[:, 0]
+                every, states = information[:, None], step.state[:, None]
             else:
-                information = times(back, information)
-                taken = [*zip(step.rows, step.errors[0], step.gains, step.variances, strict=True)]
-                for row, error, gain, variance in reversed(taken):
-                    moved: FloatArray = np.einsum("jb,jb->b", gain, information)
-                    information[OBSERVED[row]] += error / variance - moved
-                every = information[None]
-            pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, every)
-            means[step.at, :, columns] = step.states + pulled
+                errors = step.errors / np.sqrt(step.gains.variances)[:, None]
+                every = step.constant.backward(errors, information)
+                states = step.constant.states(step.measured, step.state)
+                information = every[:, 0]
+            smoothed = states + every @ step.covariance
+            means[step.at, :, alike] = smoothed.transpose(1, 2, 0)
     return means

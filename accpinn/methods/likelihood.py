@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.kalman import Pairs, innovations, log_likelihood
+from accpinn.methods.kalman import Pairs, Part, constant, log_likelihood, parts
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import COMMON, Form, StateSpace, complete, coordinates, state_space
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
@@ -37,7 +37,7 @@ SAME = 0.3
 """Squared standard errors from a better search within which another one is given up."""
 MEMORY = [unknown.name for unknown in COMMON].index("memory")
 Groups = NDArray[np.int64]
-AT_ONCE = 400
+AT_ONCE = 240
 """Models filtered at once: as many as have covariances that fit a processor's cache."""
 LARGEST_BATCH = 3_000_000
 """Samples times models filtered at once, which bounds the memory of very long recordings."""
@@ -171,32 +171,41 @@ class Criterion:
         pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
         which, series = np.array(pairs).T
         models = (which[:, None] * (size + 1) + np.arange(size + 1)).ravel()
-        total, predicted = innovations(
-            self.model(around.reshape(-1, size)),
-            self.series.measured,
-            Pairs(models, np.repeat(series, size + 1)),
-        )
-        total = total.reshape(len(pairs), -1)
-        errors = predicted.errors.reshape(-1, len(pairs), size + 1)
-        variances = predicted.distinct.reshape(-1, 3, len(pairs), size + 1)
-        deviations = np.sqrt(variances[..., :1])[predicted.which].reshape(-1, len(pairs), 1)
-        slope = (errors[..., 1:] - errors[..., :1]) / deviations
-        counts = np.bincount(predicted.which)[:, None, None, None]
-        growth = np.log(variances[..., 1:] / variances[..., :1]) * np.sqrt(counts / 2.0)
-        growth = growth.reshape(-1, len(pairs), size)
-        information = sum(
-            np.einsum("tbi,tbj->bij", rows, rows, optimize=True) for rows in (slope, growth)
-        )
+        own = Pairs(models, np.repeat(series, size + 1))
+        total = constant(self.series.measured, own)
+        information = np.zeros((len(z), size, size))
+        model = self.model(around.reshape(-1, size))
+        for part in parts(model, self.series.measured, own, size + 1):
+            is_there = part.columns >= 0
+            total[part.columns[is_there]] += part.deviance[is_there]
+            rows = own.models[part.columns[:: size + 1, 0]] // (size + 1)
+            information[rows] += _information(part, size)
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
+        total = -0.5 * total.reshape(len(pairs), -1)
         np.add.at(value, which, total[:, 0])
-        information = information / DIFFERENCE**2
-        # A forward difference has half the curvature too much of it.
         slopes = (total[:, 1:] - total[:, :1]) / DIFFERENCE
-        slopes += DIFFERENCE / 2 * np.einsum("kii->ki", information)
+        # A forward difference has half the curvature too much of it.
         np.add.at(gradient, which, slopes)
-        np.add.at(curvature, which, information)
-        return value, gradient, curvature
+        gradient += DIFFERENCE / 2 * np.einsum("kii->ki", information)
+        return value, gradient, curvature + information
+
+
+def _information(part: Part, size: int) -> FloatArray:
+    """(K, P, P) expected of K rows, each of P + 1 models, from the differences of P to the first."""
+    shape, where = part.errors.shape, part.columns >= 0
+    errors = part.errors * where[:, :, None, None]
+    rows = shape[0] // (size + 1)
+    errors = errors.reshape(rows, size + 1, -1)
+    if part.first is not None:
+        first = part.first * where[:, :, None]
+        errors = np.concatenate([errors, first.reshape(rows, size + 1, -1)], axis=2)
+    slope = errors[:, 1:] - errors[:, :1]
+    logs = np.log(part.variances).reshape(rows, size + 1, -1)
+    times = where[:: size + 1].sum(axis=1) * part.each / 2.0
+    growth = (logs[:, 1:] - logs[:, :1]) * np.sqrt(times)[:, None, None]
+    products = slope @ slope.transpose(0, 2, 1) + growth @ growth.transpose(0, 2, 1)
+    return np.asarray(products / DIFFERENCE**2)
 
 
 def first_rows(criterion: Criterion) -> FloatArray:

@@ -50,7 +50,7 @@ GAP_DRIFT = 2 * 0.14**2 / 60
 """q in m²/s: two positions' errors make a deviation of 0.14 m that lasts a minute."""
 USUAL_COMMAND = 0.25
 """Deviation of a command in m/s², of which a lag or a delay holds a part at the first sample."""
-SHORT, TERMS_TAKEN = 0.25, 15
+SHORT, TERMS_TAKEN = 0.0625, 7
 """Part of a step's exponent that is short, and terms of its series."""
 FIRST = (100.0, 50.0, 50.0)
 """Deviations of the first p, v, u, about zero: nothing is known of them before the first sample."""
@@ -213,19 +213,22 @@ def discretise(
     step /= 2.0**doublings
     transition = np.zeros_like(rates) + np.eye(rates.shape[1])
     process = np.zeros_like(rates)
-    power, added = transition, density * step
+    power, added = transition.copy(), density * step
     for term in range(1, TERMS_TAKEN + 1):
-        power = rates @ power * (step / term)
-        transition = transition + power
-        process = process + added
+        power = rates @ power
+        power *= step / term
+        transition += power
+        process += added
         moved = rates @ added
-        added = (moved + moved.transpose(0, 2, 1)) * (step / (term + 1))
+        added = moved + moved.transpose(0, 2, 1)
+        added *= step / (term + 1)
     for _ in range(doublings):
-        process = process + transition @ process @ transition.transpose(0, 2, 1)
+        back = np.ascontiguousarray(transition.transpose(0, 2, 1))
+        process += transition @ process @ back
         transition = transition @ transition
     return transition, (process + process.transpose(0, 2, 1)) / 2
 
 
 def _last(stacked: FloatArray) -> FloatArray:
-    """(B, n, n) to (n, n, B), which the filter reads fastest."""
-    return np.ascontiguousarray(np.moveaxis(stacked, 0, -1))
+    """(n, n, B) from (B, n, n), in whose order in memory it stays: the filter reads it fastest."""
+    return np.moveaxis(stacked, 0, -1)
