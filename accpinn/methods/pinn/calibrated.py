@@ -117,35 +117,51 @@ class CalibratedTraining(Training):
             gaps[:, k], speeds[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
         return Trajectories(segment.time, speeds, gaps)
 
+    def point(self) -> Estimate:
+        """The parameters without the network's curves, which take a third of the time to draw."""
+        return self._estimate(self._bounded(), {})
+
     @np.errstate(all="ignore")
     def estimate(self) -> Estimate:
         """The parameters and the network's curves, also of a search that was stopped."""
-        solution, first = self._solution(), self.segments[0]
-        if self.spec.model == PAPER and self._at.maxima:
-            free = solution.unconstrained.copy()
-            for g, maximum in without_bounds(self.segments, self.case).items():
-                free[slice(None) if self.case == "I" else g] = maximum.values[:3]
-            solution = Solution(solution.theta, frozen(free), solution.active, solution.terms)
-        z = np.broadcast_to(self._at.coordinates, (first.followers, self._at.coordinates.shape[1]))
-        unknowns = natural(self._at.form, z)
-        outcome = self.outcome or Outcome.STOPPED
-        others: dict[str, Any] = {}
-        if outcome is not Outcome.DIVERGED:
-            others = self._drawn(solution, unknowns)
-        others["loss"] = others.get("loss", {}) | {"log_likelihood": self._log_likelihood}
-        arrays = {UNKNOWNS: unknowns} | others.pop("arrays", {})
+        solution, drawn = self._bounded(), dict[str, Any]()
+        if self.outcome is not Outcome.DIVERGED:
+            drawn = self._drawn(solution, self._unknowns)
+        return self._estimate(solution, drawn)
+
+    def _bounded(self) -> Solution:
+        """The present parameters, and what they would be without the constraints."""
+        solution = self._solution()
+        if self.spec.model != PAPER or not self._at.maxima:
+            return solution
+        free = solution.unconstrained.copy()
+        for g, maximum in without_bounds(self.segments, self.case).items():
+            free[slice(None) if self.case == "I" else g] = maximum.values[:3]
+        return Solution(solution.theta, frozen(free), solution.active, solution.terms)
+
+    @property
+    def _unknowns(self) -> FloatArray:
+        """(M, P) all unknowns of each follower."""
+        z = self._at.coordinates
+        return natural(self._at.form, np.broadcast_to(z, (self.followers, z.shape[1])))
+
+    def _estimate(self, solution: Solution, drawn: dict[str, Any]) -> Estimate:
+        """The estimate with what was drawn, fields of an `Estimate`."""
         return Estimate.of(
             "pinn",
             self.segments,
             self.case,
             self.spec,
             solution,
-            outcome=outcome,
+            outcome=self.outcome or Outcome.STOPPED,
             settings=self.config.to_json(),
             iterations=self._iteration,
-            arrays=arrays,
             findings=self._weakly_determined(),
-            **others,
+            **drawn
+            | {
+                "loss": drawn.get("loss", {}) | {"log_likelihood": self._log_likelihood},
+                "arrays": {UNKNOWNS: self._unknowns} | drawn.get("arrays", {}),
+            },
         )
 
     @property

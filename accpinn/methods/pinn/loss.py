@@ -254,6 +254,10 @@ class Training(ABC):
     def estimate(self) -> Estimate:
         """The present parameters and the curves of all windows, without history and seconds."""
 
+    def point(self) -> Estimate | None:
+        """The estimate without what takes time to draw; None where nothing does."""
+        return None
+
     def state(self) -> Checkpoint:
         """Everything needed to continue from here in another process."""
         raise NotImplementedError

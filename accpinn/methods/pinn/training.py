@@ -199,6 +199,8 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
     finally:  # also where it is interrupted
         if training.outcome is not Outcome.DIVERGED:
             save()
+    if context.on_estimate and (point := training.point()):
+        context.on_estimate(point)
     estimate = training.estimate()
     findings = (*estimate.findings, *begun)
     history = recorder.history()
