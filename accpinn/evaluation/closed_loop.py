@@ -108,9 +108,7 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
     )
 
 
-def surrogate_errors(
-    segments: Sequence[Segment], estimate: Estimate
-) -> tuple[TrackingErrors, ...]:
+def surrogate_errors(segments: Sequence[Segment], estimate: Estimate) -> tuple[TrackingErrors, ...]:
     """(K,) errors of the method's curves; empty for one without, or that fits in closed loop."""
     if not estimate.curves or METHODS[estimate.method].is_closed_loop:
         return ()

@@ -147,7 +147,7 @@ def test_starts_differ_in_initial_values_and_seed_alone() -> None:
 
 
 def test_the_command_prints_every_start(capsys: Capture) -> None:
-    limits = ("--duration", 20, "--iterations", 20, "--threads", 1, "--no-cache")
+    limits = ("--duration", 20, "--iterations", 3, "--threads", 1, "--no-cache")
     words = ("starts", STUDY, *limits)
     assert main(list(map(str, words))) == 0
     assert "0.01, 0.5, 2" in capsys.readouterr().out

@@ -29,6 +29,8 @@ from accpinn.study.snapshot import load
 from tests.support.command import PLATOON, STUDY, Capture, document
 from tests.support.driving import driven
 from tests.support.estimates import estimated, point
+from tests.support.openacc_files import csv, metadata
+from tests.support.samples import frame
 from tests.support.snapshots import small, two_windows
 
 QUICK = {"pinn-fast": 20, "pinn-paper": 20}
@@ -97,18 +99,25 @@ def test_the_point_of_a_nonlinear_model_is_the_best_drive_of_all_windows() -> No
     assert known.windows.own.shape == (2, 1, 5)
 
 
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """A recording of 130 s."""
+    path = tmp_path / "drive.csv"
+    path.write_bytes(csv(frame(1301), metadata(("Lead", "Car"))))
+    return path
+
+
 def test_a_row_of_a_batch_is_the_run_of_its_window(
-    capsys: Capture, tmp_path: Path, cluster: str
+    capsys: Capture, tmp_path: Path, cluster: str, drive: Path
 ) -> None:
     out, methods = tmp_path / "study", ("pinn", "simulation", "least-squares")
     asked = ("--methods", ",".join(methods), "--scheduler", cluster)
-    document(capsys, "batch", STUDY, "--out", out, "--window", 150, "--model", "cthp-s0", *asked)
+    document(capsys, "batch", drive, "--out", out, "--window", 130, "--model", "cthp-s0", *asked)
     rows = pd.read_parquet(out / "results.parquet")
-    rows = rows[rows["start"] == rows["start"].min()].set_index("method")
-    assert set(rows.index) == set(methods)
-    for method, row in rows.iterrows():
+    assert set(rows["method"]) == set(methods)
+    for method, row in rows.set_index("method").iterrows():
         spec = {"method": method, "model": "cthp-s0"}
-        result = fit(STUDY, start=row["start"], duration=row["duration"], **spec)
+        result = fit(drive, start=row["start"], duration=row["duration"], **spec)
         found, known = result.estimate, result.uncertainty
         assert row["following_model"] == found.model
         for name in ("alpha", "beta", "tau", "s0"):
@@ -128,14 +137,14 @@ def test_a_row_of_a_batch_is_the_run_of_its_window(
 
 
 def test_a_table_of_a_database_has_the_intervals_of_all_windows_together(
-    capsys: Capture, tmp_path: Path, cluster: str
+    capsys: Capture, tmp_path: Path, cluster: str, drive: Path
 ) -> None:
     out, model = tmp_path / "study", "cthp-s0"
     asked = ("--methods", "pinn,least-squares", "--scheduler", cluster, "--model", model)
-    document(capsys, "batch", STUDY, "--out", out, "--window", 140, *asked)
+    document(capsys, "batch", drive, "--out", out, "--window", 65, *asked)
     (group,) = document(capsys, "table", out)["groups"]
-    windows = ("--windows", "all", "--duration", 140, "--model", model)
-    (said,) = document(capsys, "fit", STUDY, *windows)["answer"]
+    windows = ("--windows", "all", "--duration", 65, "--model", model)
+    (said,) = document(capsys, "fit", drive, *windows)["answer"]
     assert group["windows"] == said["windows"] == 2
     for name in ("intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():

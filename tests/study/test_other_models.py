@@ -35,7 +35,7 @@ from tests.support.openacc_files import csv, metadata
 IDM = np.array([[1.2, 1.6, 1.1, 3.0, 40.0]])
 
 
-def file_of(path: Path, key: str, theta: np.ndarray, seconds: float = 200.0) -> Path:
+def file_of(path: Path, key: str, theta: np.ndarray, seconds: float = 120.0) -> Path:
     """A recording of a vehicle that drives by a model behind another one."""
     (run,) = driven(FOLLOWING[key], theta, 3, noise=0.03, seconds=seconds)
     columns = {"Time": run.time, "Speed1": run.speeds[:, 0], "Speed2": run.speeds[:, 1]}
@@ -154,7 +154,7 @@ def test_the_network_learns_it_where_a_preset_is_named_and_commands_have_its_par
     key = "idm-delay"
     names = FOLLOWING[key].names
     truth, start = np.array([[*IDM[0], 0.4]]), [1, 1, 1, 3, 40, 1]
-    path, out = file_of(folder / f"{key}.csv", key, truth, 120.0), folder / f"{key}.accpinn.zip"
+    path, out = file_of(folder / f"{key}.csv", key, truth, 70.0), folder / f"{key}.accpinn.zip"
     options = ("--model", key, "--preset", "fast", "--fixed", "v0=40")
     options += ("--initial", ",".join(map(str, start)))
     found = document(capsys, "fit", path, *options, "--out", out)

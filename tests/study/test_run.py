@@ -109,14 +109,15 @@ class TestCourse:
     def test_the_point_is_told_before_its_intervals(self, recording: Recording) -> None:
         watched = Watched()
         result = run(asked(recording, "pinn", windows=TWO), recording, context=watched.context)
-        places = [k for k, what in enumerate(watched.seen) if isinstance(what, Estimate)]
-        assert len(places) == 1, "once"
-        (told,), phases = watched.seen[places[0] :][:1], watched.seen[: places[0]]
+        first, told = [what for what in watched.seen if isinstance(what, Estimate)]
+        at = watched.seen.index(told)
+        phases = watched.seen[: at - 1]
         assert set(phases) == {"parameters"}
-        assert watched.seen[places[0] + 1 :] == ["intervals"] * 3, "before, and after each window"
-        assert isinstance(told, Estimate)
-        assert (told.posterior, told.windows, told.outcome) == (None, None, Outcome.CONVERGED)
-        assert told.parameters == result.parameters
+        assert watched.seen[at + 1 :] == ["intervals"] * 3, "before, and after each window"
+        assert (len(first.curves), len(told.curves)) == (0, 2), "at first without its curves"
+        for one in (first, told):
+            assert (one.posterior, one.windows, one.outcome) == (None, None, Outcome.CONVERGED)
+            assert one.parameters == result.parameters
         assert result.estimate.seconds > told.seconds
         assert [moment.iteration for moment in watched.moments[-3:]] == [0, 1, 2]
         assert watched.moments[-1].iterations == 2

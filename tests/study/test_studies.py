@@ -200,10 +200,10 @@ def test_the_estimate_of_a_vehicle_is_that_of_its_windows() -> None:
 
 def test_vehicles_of_a_group_differ_as_windows_do_one_level_below() -> None:
     rng = np.random.default_rng(2)
-    gaps = 1.4 * np.exp(0.5 * rng.standard_normal(24))
+    gaps = 1.4 * np.exp(0.5 * rng.standard_normal(16))
     given = rows(*(row("A", name=f"A{k}", tau=float(g)) for k, g in enumerate(gaps) for _ in "ab"))
     [many] = group(given, ("make",)).groups
-    assert (many.windows, many.vehicles, len(many.cars)) == (48, 24, 24)
+    assert (many.windows, many.vehicles, len(many.cars)) == (32, 16, 16)
     mean = float(np.exp(np.log(gaps).mean()))
     assert many.span("tau").lower < mean < many.span("tau").upper
     between = many.between_vehicles["time_gap"]

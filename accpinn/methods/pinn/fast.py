@@ -279,7 +279,7 @@ class FastTraining(LossTraining):
         features, learnable = torch.from_numpy(window.projection.skipped), window.learnable
 
         def motion(pick: Any) -> Motion:
-            active = learnable.activated(features[pick], learnable.first_layer(self.order))
+            active = learnable.activations(learnable.with_rates(features[pick], self.order))
             pairs = zip(fixed, active, strict=True)
             return Motion(*(part[pick] + moved @ through for part, moved in pairs))
 

@@ -55,8 +55,9 @@ class Network:
 
     def __init__(self, followers: int, config: PinnConfig, duration: Seconds) -> None:
         """Draw Xavier-uniform weights by the seed, for M followers; biases are zero."""
-        self._duration = duration
         self._angular = config.angular_frequencies(duration)
+        self._scale = 2 / duration if len(self._angular) else 1.0
+        """Derivative of the first feature, which is linear in time, in 1/s."""
         skipped = 2 * len(self._angular) + 1 if len(self._angular) else 0
         sizes = (skipped or 1, *config.layers * [config.width])
         dice = np.random.RandomState(config.seed)
@@ -76,58 +77,56 @@ class Network:
         return shared
 
     def features(self, time: Array, order: int = 1) -> tuple[Array, ...]:
-        """(N,) seconds to the first layer's inputs (N, F), and their derivatives up to an order."""
+        """(N,) seconds to a constant and the first layer's inputs, (N, 1 + F), and derivatives."""
         library, column = library_of(time), time[:, None]
-        lines = column, library.ones_like(column), library.zeros_like(column)
+        constant = library.ones_like(column)
         if not len(self._angular):
-            return lines[: order + 1]
-        angular, scale = library.asarray(self._angular), 2 / self._duration
-        # e^(ikωt) as powers of e^(iωt), which takes a third of the time of sines and cosines.
-        first = library.exp(1j * self._angular[0] * column)
-        powers = library.cumprod(library.broadcast_to(first, (len(time), len(angular))), 1)
-        sine, cosine, rows = powers.imag, powers.real, list[Any]()
-        for line in (scale * column - 1, scale * lines[1], lines[2])[: order + 1]:
-            if rows:
-                sine, cosine = angular * cosine, -angular * sine
-            rows.append(library.concatenate((line, sine, cosine), axis=1))
+            first = library.concatenate((constant, column), axis=1)
+        else:
+            # e^(ikωt) as powers of e^(iωt), which takes a third of the time of sines and cosines.
+            turn = library.exp(1j * self._angular[0] * column)
+            shape = len(time), len(self._angular)
+            powers = library.cumprod(library.broadcast_to(turn, shape), 1)
+            line = self._scale * column - 1
+            parts = (constant, line, powers.imag, powers.real)
+            first = library.concatenate(parts, axis=1)
+        return self.with_rates(first, order)
+
+    def with_rates(self, features: Array, order: int) -> tuple[Array, ...]:
+        """A constant and features (N, 1 + F), or its derivatives, and the next ones of an order."""
+        rows, library, middle = [features], library_of(features), 2 + len(self._angular)
+        angular = library.asarray(self._angular)
+        for _ in range(order):
+            constant = features[:, :1]
+            sine, cosine = features[:, 2:middle], features[:, middle:]
+            parts = (0 * constant, self._scale * constant, angular * cosine, -angular * sine)
+            features = library.concatenate(parts, axis=1)
+            rows.append(features)
         return tuple(rows)
 
     def activations(self, features: Sequence[Array]) -> tuple[Array, ...]:
         """The last tanh layer (N, width) and its derivatives, from those of `features`."""
-        return self._activated(_through(self.hidden[0], features))
+        return self.activated(_through(self.hidden[0], [row[:, 1:] for row in features]))
 
-    def activated(self, seen: Array, layer: Array) -> tuple[Array, ...]:
-        """The same from (1, φ) (N, 1 + F) and `first_layer`, in one product."""
-        through: Any = (seen @ layer).reshape(len(seen), -1, len(self.hidden[0].bias))
-        return self._activated([through[:, k] for k in range(through.shape[1])])
-
-    def _activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
-        """The last layer and its derivatives, from those of the first layer's z."""
+    def activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
+        """The same from the first layer's z (N, width) and its derivatives."""
         rows: list[Any] = _tanh(through)
         for layer in self.hidden[1:]:
             rows = _tanh(_through(layer, rows))
         return tuple(rows)
 
-    def derived(self, weights: Array, order: int) -> list[Array]:
+    def derived(self, weights: FloatArray, order: int) -> list[FloatArray]:
         """W, L W, L² W .. of weights W (1 + F, ..), so that (1, φ) Lᵏ W is the k-th derivative.
 
         W has the biases, which multiply the constant, in its first row.
         """
-        count, scale = len(self._angular), 2 / self._duration
-        angular, library = self._angular[:, None], library_of(weights)
-        angular, parts = library.asarray(angular), [weights]
+        angular, parts, middle = self._angular[:, None], [weights], 2 + len(self._angular)
         for _ in range(order):
-            line, sine, cosine = weights[1:2], weights[2 : 2 + count], weights[2 + count :]
-            rows = (scale * line, 0 * line, -angular * cosine, angular * sine)
-            weights = library.concatenate(rows)
+            line, sine, cosine = weights[1:2], weights[2:middle], weights[middle:]
+            rows = (self._scale * line, 0 * line, -angular * cosine, angular * sine)
+            weights = np.concatenate(rows)
             parts.append(weights)
         return parts
-
-    def first_layer(self, order: int) -> Any:
-        """(1 + F, (1 + order) width) what gives the first layer's z and its derivatives."""
-        (weight, bias), library = self.hidden[0], library_of(self.hidden[0].weight)
-        parts = self.derived(library.concatenate((bias[None], weight.T)), order)
-        return library.concatenate(parts, axis=1)
 
     def __call__(self, time: Array, order: int = 1) -> tuple[Array, ...]:
         """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and derivatives."""
@@ -135,7 +134,8 @@ class Network:
         seen = self.activations(features)
         if len(self._angular):
             concatenate = library_of(time).concatenate
-            seen = tuple(concatenate(pair, axis=1) for pair in zip(features, seen, strict=True))
+            pairs = zip(features, seen, strict=True)
+            seen = tuple(concatenate((row[:, 1:], h), axis=1) for row, h in pairs)
         outputs = [row @ self.output.weight.T for row in seen]
         outputs[0] = outputs[0] + self.output.bias
         return tuple(outputs)

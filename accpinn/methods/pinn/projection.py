@@ -21,7 +21,7 @@ What does not pass through the hidden layers is summed once, as values alone: as
 is (1, φ) L (`network`), sums with rates are those of values times L.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -90,12 +90,9 @@ class Projection:
         """
         self.network, self._measured, self._mask = network, measured, mask
         self._time, self._order = time, order
-        features = network.features(time, 0)[0]
-        self.skipped = np.empty((len(time), 1 + features.shape[1]))
+        self.skipped = network.features(time, 0)[0]
         """(N, 1 + F) a constant and the features."""
-        self.skipped[:, 0], self.skipped[:, 1:] = 1.0, features
-        size = self.skipped.shape[1]
-        self._slope = network.derived(np.eye(size), 1)[1]
+        self._slope = network.derived(np.eye(self.skipped.shape[1]), 1)[1]
         """(1 + F, 1 + F) L."""
         parts = [self.skipped] + ([] if mask is None else [self.skipped[m] for m in mask.T])
         self._grams = [part.T @ part / len(time) for part in parts]
@@ -104,8 +101,10 @@ class Projection:
 
     def hidden(self) -> FloatArray:
         """(N, 1 + order, width) the present activations and their derivatives."""
-        layer = self.network.first_layer(self._order)
-        return np.stack(self.network.activated(self.skipped, layer), axis=1)
+        weight, bias = self.network.hidden[0]
+        layers = self.network.derived(np.vstack([bias, weight.T]), self._order)
+        through = np.split(self.skipped @ np.hstack(layers), len(layers), axis=1)
+        return np.stack(self.network.activated(through), axis=1)
 
     def sums(self, hidden: FloatArray) -> NormalEquations:
         """The normal equations of the whole output layer."""
@@ -142,21 +141,14 @@ class Projection:
 
     def seen(self, hidden: FloatArray) -> FloatArray:
         """(N, 1 + order, K) Φ and its derivatives."""
-        return self._joined(self.network.features(self._time, self._order), hidden)
+        features = self.network.with_rates(self.skipped, self._order)
+        return np.concatenate([np.stack(features, axis=1), hidden], axis=2)
 
     def seen_at(self, time: FloatArray) -> FloatArray:
         """(N, 1 + order, K) the same at other instants (N,), for the present hidden layers."""
         features = self.network.features(time, self._order)
-        return self._joined(features, np.stack(self.network.activations(features), axis=1))
-
-    def _joined(self, features: Sequence[FloatArray], hidden: FloatArray) -> FloatArray:
-        size = self.skipped.shape[1]
-        seen = np.empty((*hidden.shape[:2], size + hidden.shape[2]))
-        seen[:, :, 0], seen[:, 0, 0] = 0.0, 1.0
-        for k, part in enumerate(features):
-            seen[:, k, 1:size] = part
-        seen[:, :, size:] = hidden
-        return seen
+        parts = zip(features, self.network.activations(features), strict=True)
+        return np.stack([np.concatenate(part, axis=1) for part in parts], axis=1)
 
     def late(self, hidden: FloatArray, lag: Seconds, delay: Seconds) -> FloatArray:
         """(N, 2, K) what an acceleration behind a lag λ or a delay d sees: Φ(t - d), Φ' + λΦ''."""
@@ -276,10 +268,11 @@ def _form(residual: FloatArray, weight: float) -> FloatArray:
 
 def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
     """(3K, 3K) the lower blocks of a form's sum over instants; those above stay zero."""
-    size = grams.shape[2]
+    size, (rows, columns) = grams.shape[2], np.tril_indices(3)
     blocks = np.zeros((3, size, 3, size))
-    for row, column in zip(*np.tril_indices(3), strict=True):
-        blocks[row, :, column] = np.tensordot(form[:, row, :, column], grams)
+    sums = np.tensordot(form[:, rows, :, columns], grams)
+    for row, column, block in zip(rows, columns, sums, strict=True):
+        blocks[row, :, column] = block
     return blocks.reshape(3 * size, 3 * size)
 
 

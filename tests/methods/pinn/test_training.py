@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn import Case, Estimate, Parameters, PinnConfig, Segment, Store, preset
+from accpinn import METHODS, Case, Estimate, Parameters, PinnConfig, Segment, Store, preset
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import splines
@@ -23,6 +23,7 @@ from accpinn.methods.estimate import (
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.pinn.fast import FastTraining
+from accpinn.model.registry import CTHPS, FOLLOWING
 from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import WEIGHTED, after, train
 from tests.support.snapshots import asked_of, bits
@@ -287,6 +288,31 @@ class TestSettings:
         usual = PAPER if config.preset == "paper" else FAST
         assert PinnConfig.from_json(usual.to_json() | back.changes()) == config
         assert not PinnConfig.from_json(PAPER.to_json()).changes()
+
+    def test_what_is_not_given_is_the_presets(self) -> None:
+        paper, fast = PinnConfig("paper"), PinnConfig("fast", seed=3)
+        assert (paper.learning_rate, paper.iterations, paper.test_share) == (0.001, 20_000, 0.2)
+        assert (fast.learning_rate, fast.iterations, fast.test_share) == (0.01, 600, 0.0)
+        assert PinnConfig() == PinnConfig.default() == preset("calibrated")
+        assert PinnConfig("paper", iterations=5, test_share=0.0).changes() == {
+            "iterations": 5,
+            "test_share": 0.0,
+        }
+
+    def test_the_preset_decides_what_can_be_estimated_and_whether_a_posterior_is_known(
+        self,
+    ) -> None:
+        pinn = METHODS["pinn"]
+        by_default, paper = PinnConfig().to_json(), PAPER.to_json()
+        assert pinn.models(by_default)[0] == "cthp-s0-delay"
+        assert sorted(pinn.models(by_default)) == sorted(CTHPS)
+        assert (pinn.usual_spec().model, pinn.usual_spec(FAST).model) == ("cthp-s0-delay", "cthp")
+        assert set(pinn.models(paper)) == set(FOLLOWING)
+        assert (pinn.posterior(by_default), pinn.posterior(paper)) == ("likelihood", None)
+        assert (pinn.allows_missing(by_default), pinn.allows_missing(paper)) == (True, False)
+        windows = (noisy(), driven(duration=90.0))
+        lasts = [pinn.expected_seconds((window,), PAPER) for window in windows]
+        assert pinn.expected_seconds(windows, PAPER) == pytest.approx(sum(lasts))
 
     def test_an_unknown_preset_is_refused(self) -> None:
         with pytest.raises(ConfigError, match="choose fast, calibrated or paper"):
