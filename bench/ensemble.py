@@ -29,7 +29,7 @@ from accpinn.inference.window_posterior import (
     of_others,
     window_posterior,
 )
-from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING

@@ -24,7 +24,7 @@ from scipy.special import gammaln
 from accpinn.methods.state_space import COMMON
 from accpinn.units import FloatArray, Mask, MetresPerSecond
 
-ENOUGH = 250
+ENOUGH = 350
 """Effective draws at which a group needs no further stage."""
 FREEDOM = 8.0
 """Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
@@ -122,20 +122,16 @@ class Student:
         return drawn
 
     @cached_property
-    def _whitening(self) -> FloatArray:
-        """(f, f) the transpose of the root's inverse."""
-        root = self.root[1]
-        return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True).T)
-
-    def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) log density of the free coordinates at (n, P)."""
+    def whitening(self) -> tuple[FloatArray, float]:
+        """(P, P) the transpose of the root's inverse, zero beside it; the log density's peak."""
         free, root = self.root
-        away = (drawn - self.centre)[:, free] @ self._whitening
-        distance = np.einsum("nf,nf->n", away, away)
+        whitening = np.zeros_like(self.scale)
+        inverse = solve_triangular(root, np.eye(len(root)), lower=True)
+        whitening[np.ix_(free, free)] = inverse.T
         count = len(root)
         size = np.log(np.diag(root)).sum() + 0.5 * count * np.log(FREEDOM * np.pi)
         size += gammaln(FREEDOM / 2.0) - gammaln((FREEDOM + count) / 2.0)
-        return np.asarray(-size - 0.5 * (FREEDOM + count) * np.log(1.0 + distance / FREEDOM))
+        return whitening, -float(size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +165,7 @@ class Proposal:
 
     def log_density(self, drawn: FloatArray) -> FloatArray:
         """(n,) log density at (n, P)."""
-        return np.asarray(np.logaddexp.reduce(self.log_densities(drawn)))
+        return log_sum(self.log_densities(drawn))
 
     def log_densities(self, drawn: FloatArray) -> FloatArray:
         """(K, n) log density of each part at (n, P), times its share."""
@@ -179,16 +175,24 @@ class Proposal:
             for image in folded:
                 image[:, at] = 2.0 * end - image[:, at]
             images += folded
-        every = [[part.log_density(image) for part in self.parts] for image in images]
-        logs = np.logaddexp.reduce(np.array(every))
-        return np.asarray(np.log(self.shares)[:, None] + logs)
+        every, (count, size) = np.concatenate(images), drawn.shape
+        whitenings, peaks = zip(*(part.whitening for part in self.parts), strict=True)
+        centres = [
+            part.centre @ whitening for part, whitening in zip(self.parts, whitenings, strict=True)
+        ]
+        away = every @ np.concatenate(whitenings, axis=1) - np.concatenate(centres)
+        away = away.reshape(len(images), count, -1, size)
+        distance = np.einsum("inkp,inkp->ikn", away, away)
+        freedom = FREEDOM + np.array([len(part.root[1]) for part in self.parts])
+        logs = log_sum(-0.5 * freedom[:, None] * np.log(1.0 + distance / FREEDOM))
+        return np.asarray((np.log(self.shares) + peaks)[:, None] + logs)
 
     def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
         """Adapt each part to the draws (n, P) that probably came from it, with weights (n,).
 
         The densities (K, n) are their `log_densities`.
         """
-        belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
+        belongs = np.exp(densities - log_sum(densities)) * weights
         pairs = zip(self.parts, belongs, strict=True)
         parts = [part.adapted(drawn, own_weights) for part, own_weights in pairs]
         return replace(self, parts=tuple(parts), shares=floored(belongs.sum(axis=1)))
@@ -237,7 +241,7 @@ class Sampling:
         self._target = np.append(self._target, target)
         self._factor = np.append(self._factor, factor)
         densities = self.proposal.log_densities(self._drawn)
-        own = self._past[-1][1] + np.logaddexp.reduce(densities)
+        own = self._past[-1][1] + log_sum(densities)
         self._log_density = np.logaddexp(self._log_density, own)
         ratios = self._target - self._log_density
         self.posterior = Posterior(
@@ -248,6 +252,12 @@ class Sampling:
         if self._with_factor.effective < min(ENOUGH, self.posterior.effective):
             ratios = ratios + self._factor
         self.proposal = self.proposal.adapted(self._drawn, _tempered(ratios), densities)
+
+
+def log_sum(logs: FloatArray) -> FloatArray:
+    """(..) the logarithm of the sum of what (K, ..) are the logarithms of."""
+    top = logs.max(axis=0)
+    return np.asarray(top + np.log(np.exp(logs - top).sum(axis=0)))
 
 
 def floored(shares: FloatArray) -> FloatArray:

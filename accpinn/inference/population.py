@@ -175,7 +175,7 @@ def sampled_population(
 
 
 def _one_of(chances: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """(C, K) a draw's place for each chain and window, by what is proportional to chances (K, n, C).
+    """(C, K) a draw's place for each chain and window, by chances (K, n, C) up to a factor.
 
     First a block of draws is chosen, and then one of these.
     """

@@ -49,9 +49,9 @@ AT_SPEED: MetresPerSecond = 100 / 3.6
 """Speed at which the time gap τ + s₀/v has its prior."""
 LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
-STAGES = (150, 150, 150, 450)
+STAGES = (150, 150, 150, 200)
 """Number of draws in each stage."""
-FURTHER = 20
+FURTHER = 40
 """Largest number of further stages, as large as the last one."""
 GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 """Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth

@@ -44,7 +44,7 @@ SETTLED = 1e-11
 DOUBLED, DOUBLINGS = 1e-6, 16
 """Largest change of a variance in a doubling after which there is no further one, as the next one
 would change the square of it; and most of them."""
-FORGOTTEN = 1e-10
+FORGOTTEN = 1e-8
 """Largest share of a state that later ones keep, taken for none."""
 BLOCK = 8
 """Instants whose innovations are found at once with constant gains, a power of two; more and fewer
@@ -102,8 +102,10 @@ class Part(NamedTuple):
 
     columns: Places
     """(u, r) of B pairs; -1 where a model has fewer series than others."""
+    instants: int
+    """K."""
     errors: FloatArray
-    """(u, r, K, 3) e, in units; 0 where a sample is missing."""
+    """(u, r, K or more, 3) e, in units; 0 where a sample is missing, and from K on."""
     variances: FloatArray
     """(u, K, 3) v, or (u, 1, 3) where all instants have the same; 1 where a sample is missing."""
     units: FloatArray | None
@@ -117,13 +119,14 @@ class Part(NamedTuple):
     @property
     def each(self) -> int:
         """How many instants have each of the variances."""
-        return int(self.errors.shape[2]) // self.variances.shape[1]
+        return int(self.instants // self.variances.shape[1])
 
     @property
     def deviance(self) -> FloatArray:
         """(u, r): the part, without the constant."""
         if self.units is None:
-            squares = np.einsum("urkc,urkc->ur", self.errors, self.errors)
+            flat = self.errors.reshape(*self.columns.shape, -1)
+            squares = np.einsum("urk,urk->ur", flat, flat)
         elif self.each > 1:
             by_row = np.einsum("urkc,urkc->urc", self.errors, self.errors)
             squares = (by_row * (self.units / self.variances)).sum(axis=2)
@@ -206,7 +209,7 @@ def _instants_parts(
             variances = step.gains.variances[:, None]
             units = _units(variances, together)
             errors = (step.errors / np.sqrt(variances if units is None else units))[:, None]
-            yield Part(columns, errors, variances, units)
+            yield Part(columns, errors.shape[2], errors, variances, units)
     if waiting:
         yield _joined(waiting, columns, together)
 
@@ -218,7 +221,7 @@ def _joined(steps: "list[_Step]", columns: Places, together: int) -> Part:
     units = _units(variances, together)
     errors = np.concatenate([step.errors for step in steps], axis=1)
     errors /= np.sqrt(variances if units is None else units)
-    return Part(columns, errors[:, None], variances, units)
+    return Part(columns, errors.shape[1], errors[:, None], variances, units)
 
 
 def _units(variances: FloatArray, together: int) -> FloatArray | None:
@@ -359,12 +362,12 @@ def _whole_parts(
         if units is not None:
             first = push @ _root(apart[some])
             errors *= np.tile(np.sqrt(variances / units), BLOCK)[:, None]
-        errors = errors.reshape(*series[some].shape, -1, WIDTH)[:, :, :samples]
-        yield Part(columns[some], errors, variances, units, more, first)
+        errors = errors.reshape(*series[some].shape, -1, WIDTH)
+        yield Part(columns[some], samples, errors, variances, units, more, first)
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """Cholesky's root of matrices (u, n, n) that may be singular, or not be positive by rounding."""
+    """Cholesky's root of matrices (u, n, n) that may be singular, or negative by rounding."""
     root = np.zeros_like(covariance)
     for k in range(covariance.shape[1]):
         column = covariance[:, k:, k] - (root[:, k:, :k] @ root[:, k, :k, None])[:, :, 0]
@@ -387,7 +390,7 @@ def _limits(
     )
     if together == 1:
         return covariance, information
-    back, size = turned(transition), transition.shape[1]
+    back = turned(transition)
     covariance, information = (
         np.repeat(part, together, axis=0) for part in (covariance, information)
     )
@@ -413,17 +416,18 @@ def _doubled(
     for i, variances in zip(OBSERVED, noise, strict=True):
         information[:, i, i] = 1.0 / variances
     for _ in range(DOUBLINGS):
-        inverse = np.linalg.inv(unit + information @ covariance)
+        inverse = np.linalg.inv(information @ covariance + unit)
         moved = inverse @ back
         added = forward @ (covariance @ moved)
-        information = evened(information + back @ (inverse @ information) @ forward)
-        covariance = evened(covariance + added)
+        information = information + back @ (inverse @ information @ forward)
+        covariance = covariance + added
         back = back @ moved
         forward = turned(back)
         variances = np.einsum("uii->ui", covariance)
         if not (np.einsum("uii->ui", added) > DOUBLED * variances).any():
             break
-    inverse = np.linalg.inv(unit + information @ covariance)
+    covariance, information = evened(covariance), evened(information)
+    inverse = np.linalg.inv(information @ covariance + unit)
     return covariance, evened(inverse @ information)
 
 
@@ -445,16 +449,17 @@ class ConstantGain:
         self.back[:, :WIDTH] -= self._drive
 
     @cached_property
-    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Over L = `BLOCK` instants.
 
-        (u, 3 L, n): from measurements to the state after them; (u, n, 3 L): from the state before
-        to the innovations; (u, 3 L, 3 L): from measurements to the innovations; (u, n, n): from the
-        state before to the one after.
+        (u, 3 L, n): from measurements to the state after them; (u, n + 3 L, 3 L): from the state
+        before and the measurements to the innovations; (u, n, n): from the state before to the one
+        after.
         """
         count, _, size = self._drive.shape
         rows, whitening = BLOCK * WIDTH, turned(self.whitening)
-        pushes, free = np.empty((count, rows, size)), np.zeros((count, size, rows))
+        pushes, errors = np.empty((count, rows, size)), np.zeros((count, size + rows, rows))
+        free, direct = errors[:, :size], errors[:, size:]
         pushes[:, -WIDTH:], free[:, :WIDTH, :WIDTH] = self._drive, -whitening
         power, reach = self.back, WIDTH
         while reach < rows:
@@ -462,10 +467,9 @@ class ConstantGain:
             free[:, :, reach : 2 * reach] = power @ free[:, :, :reach]
             power, reach = power @ power, 2 * reach
         responses = np.concatenate([whitening, self._drive @ free[:, :, :-WIDTH]], axis=2)
-        direct = np.zeros((count, rows, rows))
         for start in range(0, rows, WIDTH):
             direct[:, start : start + WIDTH, start:] = responses[:, :, : rows - start]
-        return pushes, free, direct, power
+        return pushes, errors, power
 
     def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Innovations (u, r, m, 3 J), in deviations, of measurements (u, r, m, 3 J).
@@ -473,17 +477,18 @@ class ConstantGain:
         They are m blocks of `BLOCK` instants J, or one of less; the state (u, r, n) is that
         predicted for the first instant. Also returned is the state after them.
         """
-        pushes, free, direct, power = self._block
+        pushes, errors, power = self._block
         count, series, blocks, rows = measured.shape
-        if rows < len(direct[0]):
+        size = len(power[0])
+        if rows < BLOCK * WIDTH:
             power = np.linalg.matrix_power(self.back, rows // WIDTH)
+            errors = np.concatenate([errors[:, :size], errors[:, size : size + rows]], axis=1)
         inputs = measured.reshape(count, -1, rows)
         pushed = (inputs @ pushes[:, -rows:]).reshape(count, series, blocks, -1)
         every = recursion(power, pushed, state)
         starts = every[:, :, :-1].reshape(count, series * blocks, -1)
-        errors = inputs @ direct[:, :rows, :rows]
-        errors += starts @ free[:, :, :rows]
-        return errors.reshape(measured.shape), every[:, :, -1]
+        found = np.concatenate([starts, inputs], axis=2) @ errors[:, :, :rows]
+        return found.reshape(measured.shape), every[:, :, -1]
 
     def whole(
         self, measured: FloatArray, samples: int, apart: FloatArray, information: FloatArray
@@ -494,7 +499,8 @@ class ConstantGain:
         (u, n, n), and O (u, n, n) of all instants to come. Also returned are b - O δ (u, r, n), and
         (u, r) what δ adds to -2 log L.
         """
-        _, free, _, power = self._block
+        _, free, power = self._block
+        free = free[:, : len(power[0])]
         blocks, kept, reach = measured.shape[2], power, 1
         while reach < blocks and np.abs(kept).max() > FORGOTTEN:
             kept, reach = kept @ kept, 2 * reach
@@ -504,7 +510,7 @@ class ConstantGain:
         errors = self.over(measured, near)[0]
         errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
         if reach >= blocks:
-            reach, after = blocks, np.linalg.matrix_power(self.back, samples)
+            reach, after = blocks, np.asarray(np.linalg.matrix_power(self.back, samples), float)
             information = information - after @ information @ turned(after)
         by_block = errors[:, :, :reach] @ turned(free)[:, None]
         b = -recursion(turned(power), by_block[:, :, ::-1], zero)[:, :, -1]
@@ -559,27 +565,32 @@ def recursion(back: FloatArray, driven: FloatArray, state: FloatArray) -> FloatA
     """
     count, series, m, size = driven.shape
     steps = max(1, round(np.sqrt(m)))
-    whole = m - m % steps
-    states = np.empty((count, series, m + 1, size))
-    states[:, :, 0] = state
-    single, over_stretch = back[:, None], np.linalg.matrix_power(back, steps)[:, None]
-    ends = driven[:, :, :whole:steps]
-    for k in range(1, steps):
-        ends = ends @ single + driven[:, :, k:whole:steps]
-    begins = states[:, :, ::steps]
-    for k in range(ends.shape[2]):
-        begins[:, :, k + 1] = (begins[:, :, k, None] @ over_stretch)[:, :, 0] + ends[:, :, k]
-    reached = begins
-    for k in range(1, min(steps, m + 1)):
-        later = states[:, :, k::steps]
-        reached = reached[:, :, : later.shape[2]] @ single
-        reached += driven[:, :, k - 1 :: steps][:, :, : later.shape[2]]
-        later[:] = reached
-    return states
+    stretches = m // steps + 1
+    pushes = np.zeros((steps, count, series, stretches, size))
+    for k, push in enumerate(pushes):
+        some = driven[:, :, k::steps]
+        push[:, :, : some.shape[2]] = some
+    pushes = pushes.reshape(steps, count, -1, size)
+    ends = pushes[0]
+    for push in pushes[1:]:
+        ends = ends @ back
+        ends += push
+    ends = ends.reshape(count, series, stretches, size)
+    states = np.empty_like(pushes)
+    begins = states[0].reshape(count, series, stretches, size)
+    begins[:, :, 0] = state
+    over_stretch = np.linalg.matrix_power(back, steps)
+    for k in range(1, stretches):
+        begins[:, :, k] = begins[:, :, k - 1] @ over_stretch + ends[:, :, k - 1]
+    for reached, later, push in zip(states, states[1:], pushes, strict=False):
+        np.matmul(reached, back, out=later)
+        later += push
+    every = states.reshape(steps, count, series, stretches, size).transpose(1, 2, 3, 0, 4)
+    return np.asarray(every.reshape(count, series, -1, size)[:, :, : m + 1])
 
 
 def _blocks(measured: FloatArray) -> FloatArray:
-    """(S, m, 3 J) the measurements (J m, 3, S) of m blocks of `BLOCK` instants J, or one of less."""
+    """(S, m, 3 J) the measurements (J m, 3, S) of m blocks of J = `BLOCK` instants, or one."""
     each, count = min(BLOCK, len(measured)), measured.shape[2]
     blocks = measured.reshape(-1, each * WIDTH, count)
     return np.ascontiguousarray(blocks.transpose(2, 0, 1))

@@ -192,7 +192,7 @@ class Criterion:
 
 
 def _information(part: Part, size: int) -> FloatArray:
-    """(K, P, P) expected of K rows, each of P + 1 models, from the differences of P to the first."""
+    """(K, P, P) expected of K rows of P + 1 models, from the differences of P to the first."""
     shape, where = part.errors.shape, part.columns >= 0
     errors = part.errors * where[:, :, None, None]
     rows = shape[0] // (size + 1)
