@@ -510,12 +510,13 @@ class ConstantGain:
         errors = self.over(measured, near)[0]
         errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
         if reach >= blocks:
-            reach, after = blocks, np.asarray(np.linalg.matrix_power(self.back, samples), float)
-            information = information - after @ information @ turned(after)
+            reach = blocks
+            after: FloatArray = np.asarray(np.linalg.matrix_power(self.back, samples), float)
+            information = information - after @ information @ after.transpose(0, 2, 1)
         by_block = errors[:, :, :reach] @ turned(free)[:, None]
         b = -recursion(turned(power), by_block[:, :, ::-1], zero)[:, :, -1]
         matrix = np.eye(len(power[0])) + apart @ information
-        further = turned(np.linalg.solve(matrix, turned(b @ apart - near)))
+        further = turned(np.asarray(np.linalg.solve(matrix, turned(b @ apart - near)), float))
         push = b - further @ information
         more = ((near + further) * push).sum(axis=2) + np.linalg.slogdet(matrix)[1][:, None]
         states = recursion(power, np.zeros_like(by_block[:, :, 1:]), further)

@@ -8,8 +8,9 @@ from math import isnan
 from accpinn.findings import joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.results.description import EXTRAPOLATED, Value
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
-from accpinn.results.tables.estimates import columns_of, gap_cell, gap_column
+from accpinn.results.tables.estimates import cell_of, columns_of, gap_column
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
@@ -134,8 +135,8 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
     gaps = {
-        speed: [gap_cell(group.time_gap(speed), group.is_driven(speed)) for group in groups]
-        for speed in SPEEDS
+        at: [cell_of(Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at)))) for g in groups]
+        for at in SPEEDS
     }
     if not is_wide:
         digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)

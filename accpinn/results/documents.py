@@ -21,10 +21,10 @@ from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
-from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.estimate import about_point
+from accpinn.results.description import about_point, describe, incidents, name_of
+from accpinn.results.messages import messages
 from accpinn.results.messages.summary import recommended_of
-from accpinn.results.tables.estimates import gains_and_own_columns, name_of
+from accpinn.results.tables.estimates import gains_and_own_columns
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
@@ -249,29 +249,29 @@ def _card(snapshot: Result, k: int) -> dict[str, Any]:
 
 def answer_document(result: Result) -> list[dict[str, Any]]:
     """An estimate with a posterior as every document has it, one entry a follower."""
-    estimate, info, known = result.estimate, result.info, result.posterior
+    description, known, rows = describe(result), result.posterior, []
     assert known is not None  # as the caller knows
-    rows = []
-    for k, median in enumerate(estimate.speeds.tolist()):
-        trust = result.trust[min(k, len(result.trust) - 1)]
-        trusted = msgspec.structs.asdict(trust)
+    for k, speed in enumerate(result.estimate.speeds.tolist()):
+        row = description.row(k)
+        trusted = msgspec.structs.asdict(row.trust)
         del trusted["vehicle"]
-        gaps = {f"{speed * 3.6:.0f}": estimate.time_gap(speed, k) for speed in SPEEDS}
+        trusted |= {"reproduced": row.trust.is_reproduced, "in_words": row.trust.in_words}
+        gaps = {f"{at * 3.6:.0f}": gap.span for at, gap in row.gaps.items()}
         rows.append(
             {
-                "model": estimate.model,
+                "model": result.estimate.model,
                 **_spans(
-                    {name: estimate.span(name, k) for name in estimate.names},
-                    gaps | {"median": estimate.time_gap(median, k)},
+                    {name: value.span for name, value in row.known[1].items()},
+                    gaps | {"median": row.at_median[row.places.index(k)][2]},
                 ),
-                "median_speed": median,
-                "windows": len(result.infos),
+                "median_speed": speed,
+                "windows": len(description.infos),
                 "windows_differ_p": float(known.differ[k]),
-                "trust": trusted | {"reproduced": trust.is_reproduced, "in_words": trust.in_words},
+                "trust": trusted,
                 "level": known.level,
             }
         )
-    return _of_followers(info, rows)
+    return _of_followers(description.info, rows)
 
 
 def _quantity(of: Quantity) -> dict[str, float]:

@@ -166,7 +166,6 @@ CASALE_RUN = PrintedRun("Casale", "part7.csv", (Window(0.0, 300.0),), (1, 2))
 ASTAZERO_RUN = PrintedRun(
     "AstaZero", "ASta_040719_platoon5.csv", (Window(320.0, 620.0),), (1, 2, 3, 4, 5)
 )
-RUNS = (CASALE_RUN, ASTAZERO_RUN)
 _SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
 
 ITEMS = (
@@ -191,13 +190,6 @@ ITEMS = (
     PrintedItem("Figure 8", "Eight followers behind a sinusoid, four panels"),
 )  # fmt: skip
 """In the order of the checklist; Figure 1 is a drawing of the network."""
-
-
-def journey(title: str) -> PrintedRun:
-    """The recording, windows, vehicles, Case and preset that lead to "Table I", "II" or "III"."""
-    (item,) = (item for item in ITEMS if item.title == title)
-    assert item.run is not None  # as each of these tables has one
-    return item.run
 
 
 @cache
@@ -226,12 +218,21 @@ def _decibels(vehicle: Parameters, omega: RadiansPerSecond) -> float:
     return float(20 * np.log10(np.abs(response(vehicle[None], np.array([omega]))[0, 0])))
 
 
-def learned_of(printed: PrintedVerdicts, result: Result) -> Parameters:
-    """What stands beside the printed rows: one set a row, or one for all of them.
-
-    In Case I the followers share the one set that the paper prints.
-    """
-    return result.parameters[: len(printed.vehicles)]
+def beside_printed(result: Result) -> tuple[PrintedItem, Table, str] | None:
+    """The table of the paper whose data and method a result has, filled, and how far it is off."""
+    asked = result.analysis
+    took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
+    made = asked.spec.model, asked.settings.get("preset")
+    for item in ITEMS:
+        run = item.run
+        if not (item.verdicts and run) or made not in ((PAPER, run.preset), (PAPER, "paper")):
+            continue
+        is_case = asked.case == run.case or len(run.vehicles) == 2
+        if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):
+            printed = item.verdicts[0]
+            learned = result.parameters[: len(printed.vehicles)]
+            return item, reproduction_table(printed, learned), learned_line(printed, learned)
+    return None
 
 
 def deviations(printed: PrintedVerdicts, learned: Parameters) -> FloatArray:
@@ -242,16 +243,11 @@ def deviations(printed: PrintedVerdicts, learned: Parameters) -> FloatArray:
     return np.asarray(learned.values / printed.vehicles.parameters.values - 1)
 
 
-def agrees(printed: PrintedVerdicts, learned: Parameters) -> bool:
-    """Whether every learned parameter lies within `TOLERANCE` of the printed one."""
-    return bool((np.abs(deviations(printed, learned)) <= TOLERANCE).all())
-
-
 def learned_line(printed: PrintedVerdicts, learned: Parameters) -> str:
-    """The largest deviation of each parameter; a tick goes before where all agree."""
+    """The largest deviation of each parameter; a tick goes before where all are in `TOLERANCE`."""
     most = 100 * np.abs(deviations(printed, learned)).max(axis=0)
     off = joined([f"{q.symbol} {value:.0f} %" for q, value in zip(PARAMETERS, most, strict=True)])
-    tick = f"{TICK} " if agrees(printed, learned) else ""
+    tick = f"{TICK} " if (most <= 100 * TOLERANCE).all() else ""
     return f"{tick}learned; deviation at most {off}"
 
 

@@ -4,22 +4,22 @@ Pages, report and command line take vehicles, verdicts, intervals and the measur
 them from here, so that they say the same.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.findings import capital
-from accpinn.inference.gain_check import GainCheck
+from accpinn.findings import Labelled, capital, joined
+from accpinn.inference.gain_check import LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
-from accpinn.stability import StabilityReport, stability_report
+from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.result import Result
@@ -61,6 +61,15 @@ class KnownVehicles:
             return bool(self.report)
         except ParameterError:
             return False
+
+    @cached_property
+    def assessed(self) -> tuple[Assessment, ...]:
+        """(M,) the verdict on each by its posterior where it is known."""
+        if not self.has_report:
+            return tuple("not determined" for _ in self.vehicles.labels)
+        if self.uncertainty:
+            return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
+        return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
 
     @property
     def median_speed(self) -> MetresPerSecond:
@@ -180,3 +189,35 @@ def known_vehicles(result: Result) -> KnownVehicles:
         estimate.model,
     )
     return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
+
+
+def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[str]:
+    """What the measured gain has against the model for all vehicles, or those of some numbers."""
+    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
+    against, over = list[str](), list[str]()
+    for check in subject.checks:
+        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
+        if numbers and check.vehicle not in numbers:
+            continue
+        if check.contradiction:
+            against.append(f"{name} ({check.short})")
+        elif check.is_underrated:
+            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
+    if against:
+        yield f"The measured gain contradicts the model for {joined(against)}."
+    if over:
+        yield f"The measured gain peaks above the model's: {joined(over)}."
+
+
+def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
+    """What the measured gain says of each vehicle; of those without a comparison at once."""
+    none = [check for check in checks if check.frequencies < LEAST]
+    alone = [check for check in checks if check not in none or len(none) == 1]
+    said = [check.sentence(about) for check in alone]
+    if len(none) > 1:
+        named = joined([about.label(check.vehicle) for check in none])
+        said.append(
+            f"{named}: the verdicts could not be held against a measured gain, as too few"
+            " frequencies are coherent; a longer window has more."
+        )
+    return tuple(said)

@@ -25,12 +25,13 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results import database as on_batch
+from accpinn.results.description import describe
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
+from accpinn.results.messages.estimate import Check, checks
 from accpinn.results.messages.stability import headline, platoon_reasons, reasons
-from accpinn.results.messages.summary import Check, checks
 from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.segment.suggestion import Suggestion
@@ -113,7 +114,7 @@ def stopped() -> str:
 def collided() -> tuple[str, ...]:
     findings = (SimulatedCollision(3, 12.34, -1.5),)
     hit = knowing(whole(), evaluation=replace(whole().evaluation, findings=findings))
-    return on_result.cautions(hit)["closed_loop"]
+    return describe(hit).events
 
 
 MOVED = Suggestion(Window(330, 630), 0.963, None, 190)
@@ -159,9 +160,8 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (stopped, ["12 of 20 iterations"]),
     (lambda: on_result.summary(whole())[0], ["2 Audi (A6-like) keeps", "amplifies disturbances"]),
     (lambda: on_result.conditional(small(), delayed()), [small().info.labels[1]]),
-    (lambda: on_result.about_band(recommended()), [TITLES[recommended().estimate.model]]),
-    (lambda: on_result.about_band(altered(recommended(), spec=ModelSpec("idm-lag"))),
-     [f"linearisation of the {TITLES['idm-lag']}"]),
+    (lambda: on_estimate.about_band("cthp-s0-delay"), [TITLES["cthp-s0-delay"]]),
+    (lambda: on_estimate.about_band("idm-lag"), [f"linearisation of the {TITLES['idm-lag']}"]),
     (lambda: " ".join(suggestion_reasons(MOVED, Window(10.0, 20.0), 0.504)),
      ["330–630 s", "190 complete windows of 300 s", "96 %", "10–20 s", "50 %"]),
     (lambda: driver_summary(read(FOLDER / f"{NOISY}.csv")), ["ACC: 2"]),
@@ -225,11 +225,12 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
     assert "one window" in cards[0].trust
     assert "bracket" in on_estimate.about_estimate(result)
     check = GainCheck(result.info.vehicles[1], 9, rms=3.0, contradiction="apart")
-    against, *_ = on_estimate.cards(result, replace(subject, checks=(check,)))
+    doubted = knowing(result, gain_checks=(check,))
+    against, *_ = on_estimate.cards(doubted)
     assert "By the model, it" in against.lead
     assert check.short in against.trust
     assert against.is_contradicted
-    doubted = knowing(result, gain_checks=(check,))
+    assert against.trust == f"{against.against} {result.trust[0].in_words}"
     assert any(check.short in said for said in on_estimate.contradictions(doubted))
 
 
@@ -245,9 +246,9 @@ def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them(
     facts += [f"by up to {growths[k]:.0f} % (" for k in (0, -1)]
     assert not missing(facts, shared.lead)
     check = GainCheck(result.info.vehicles[1], 9, rms=3.0, contradiction="apart")
-    against = replace(subject, checks=(check,))
-    alone, *others = on_estimate.cards(result, against, together=True)
-    assert alone == on_estimate.cards(result, against)[0]
+    against = knowing(result, gain_checks=(check,))
+    alone, *others = on_estimate.cards(against, together=True)
+    assert alone == on_estimate.cards(against)[0]
     assert alone.is_contradicted
     assert len(others) == 1
 

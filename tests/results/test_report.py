@@ -110,7 +110,7 @@ def test_every_table_and_sentence_is_whole_whatever_the_estimate_has(
     cards = [f"{card.lead} {card.trust}" for card in on_estimate.cards(result)]
     cards += [f"{card.lead} {card.trust}" for card in on_estimate.cards(result, together=True)]
     about = [on_estimate.about_estimate(result), on_estimate.assumption(result)]
-    checks = [why for check in on_result.checks(result) for why in check.why]
+    checks = [why for check in on_estimate.checks(result) for why in check.why]
     for text in (*shown, *cards, *about, *checks, *on_result.summary(result)):
         assert text
         assert not re.search(r"\bnan\b|\bNone\b|\binf\b", text)

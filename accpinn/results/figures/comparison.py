@@ -1,8 +1,8 @@
 """Methods, models and windows side by side as figures.
 
 Of methods: estimates beside the recommended one's intervals, parameters over time, residuals. Of
-car-following models: errors in windows left out, and the peak gain over speed. Of one estimate:
-each of its windows beside it, and the joint distribution of its parameters.
+car-following models: errors in windows left out, and the peak gain over speed. Of one estimate: the
+joint distribution of its parameters.
 """
 
 import html
@@ -20,9 +20,9 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.methods.estimate import Estimate, ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import gains_and_gap, time_gap
+from accpinn.results.description import name_of
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import columns_of, name_of
+from accpinn.results.tables.estimates import columns_of
 from accpinn.stability import peak_gains
 from accpinn.study.judge import Judgement
 from accpinn.study.result import Result
@@ -43,28 +43,19 @@ OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
 JOINT_DRAWN = 300
 """Draws of a joint distribution that are shown."""
-FURTHER, TYPICAL = 0.14, 0.28
-"""Opacity of the bands of a further window and of the typical value."""
 INSIDE, OUTSIDE, EARLIER = "circle", "x", "circle-open"
 """Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs."""
 
 
 Row = tuple[str, FloatArray]
-"""A name and (3,) α, β and the time gap, nan where undetermined; or (3, 3) with lower and upper
-ends of their intervals below."""
+"""A name and (3, 3) α, β and the time gap with lower and upper ends of their intervals below, nan
+where undetermined; or (3,) without ends."""
 
 
 def row_of(result: Result, follower: int, speed: MetresPerSecond) -> Row:
-    """An estimate of one follower (0 for the first), with intervals where it has a posterior.
-
-    The time gap is that at the speed.
-    """
+    """An estimate of one follower (0 for the first), with its time gap at the speed."""
     estimate = result.estimate
-    if estimate.posterior is None:
-        values = gains_and_gap(estimate.model, estimate.parameters[follower], speed)
-        return name_of(estimate), np.asarray(values)
-    gains = (estimate.gain(name, follower) for name in ("alpha", "beta"))
-    spans = (*gains, estimate.time_gap(speed, follower))
+    spans = *estimate.gains_and_gap(follower)[:2], estimate.time_gap(speed, follower)
     return name_of(estimate), np.array([(s.value, s.lower, s.upper) for s in spans]).T
 
 
@@ -88,10 +79,8 @@ def estimates(
     names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]
     chart.axis("y*", categoryorder="array", categoryarray=names[::-1], showgrid=True,
                automargin=True)  # fmt: skip
-    values = np.array([part if part.ndim == 1 else part[0] for _, part in rows]).reshape(-1, 3)
-    ends = np.full((2, 3), np.nan)
-    if recommended and recommended[1].ndim > 1:
-        ends = recommended[1][1:]
+    values = np.array([np.atleast_2d(part)[0] for _, part in rows]).reshape(-1, 3)
+    ends = recommended[1][1:] if recommended else np.full((2, 3), np.nan)
     gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, (low, high) = values[:, which], ends[:, which].tolist()
@@ -238,43 +227,6 @@ def peak_over_speed(
 
 
 # One estimate
-
-
-def forest(result: Result, follower: int, colour: str) -> go.Figure:
-    """The time gap of each window alone, and of all of them together, with intervals.
-
-    The estimate has its windows' own values; the follower is 0 for the first.
-    """
-    estimate, known = result.estimate, result.posterior
-    windows, speed = estimate.windows, estimate.stated_speed
-    assert windows is not None  # as the caller knows
-    chart = style.Chart(f"forest-{follower}", 300)
-    span = estimate.time_gap(speed, follower)
-    gaps = time_gap(estimate.model, windows, speed)[:, follower]
-    ends = np.array([[info.window.start, info.window.end] for info in result.infos])
-    margin = 0.03 * max(float(np.ptp(ends)), 1.0)
-    whole = np.array([ends.min() - margin, ends.max() + margin])
-    low = high = gaps
-    if known:
-        low, high = known.windows_gap[:, :, follower]
-        low, high = np.minimum(low, gaps), np.maximum(high, gaps)
-        chart.band(whole, np.full(2, span.further_lower), np.full(2, span.further_upper), colour,
-                   FURTHER)  # fmt: skip
-        chart.band(whole, np.full(2, span.lower), np.full(2, span.upper), colour, TYPICAL)
-    chart.line(whole, np.full(2, span.value), colour=colour, hoverinfo="skip")
-    middles, grey = ends.mean(axis=1), {"color": style.LEADER}
-    chart.dots(
-        middles, gaps, hover="%{text}: %{y:.2f} s<extra></extra>", marker=grey | {"size": 9},
-        text=[str(info.window) for info in result.infos],
-        ends=(low, high), bar=grey | {"thickness": 1.6, "width": 5},
-        error_x=grey | {"array": ends[:, 1] - middles, "thickness": 3, "width": 0},
-    )  # fmt: skip
-    seen = np.array([*gaps, *low, *high, span.value, span.further_lower, span.further_upper])
-    seen = seen[np.isfinite(seen)]
-    shown = [max(0.0, float(seen.min()) - 0.05), float(seen.max()) + 0.05] if len(seen) else None
-    chart.axis("x", TIME.axis, range=whole.tolist(), showgrid=False)
-    chart.axis("y", f"Time gap at {3.6 * speed:.0f} km/h [s]", range=shown)
-    return chart.figure()
 
 
 def joint(estimate: Estimate, follower: int, colour: str) -> go.Figure:

@@ -1,27 +1,27 @@
-"""An estimate as figures: its course, and its curves and simulation beside the data.
+"""An estimate as figures: its course, its curves and simulation beside the data, its windows.
 
 The figures of a training that runs are the same.
 """
 
 import html
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, Quantity
-from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times, simulated
-from accpinn.inference.prediction import GapBand
+from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, TIME, Quantity
+from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods.estimate import History, of_window
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of, value_of
+from accpinn.results.description import Description, view
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of, name_of
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.study.result import Result
-from accpinn.units import FloatArray, Seconds, stretches
+from accpinn.units import FloatArray, Mask, Seconds
 
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
@@ -35,12 +35,14 @@ LONG = 100
 GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
-SIMULATION = "simulation"
-"""The name of the line of the estimate behind the measured vehicle ahead."""
+DATA, SIMULATION = "data", "simulation"
+"""The names of the lines that are measured, and by the estimate behind the vehicle ahead."""
 TITLES = {parameter.key: parameter.name for parameter in PARAMETERS} | {
     "s0": "Intercept", "lag": "Lag", "delay": "Delay",
 }  # fmt: skip
 """Titles of the charts of a CTHP's parameters; those of another model name it."""
+FURTHER, TYPICAL = 0.14, 0.28
+"""Opacity of the bands of a further window and of the typical value."""
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 
@@ -168,6 +170,30 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
     return {"range": [low, high], "tick0": low, "dtick": step, "exponentformat": "power"}
 
 
+# One follower in one window
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """The numbers of a chart of one follower in one window; time from the recording's start."""
+
+    number: int
+    """The follower's in the file."""
+    colour: str
+    lines: dict[str, Trajectories]
+    """By name, one column each: the data, the method's own curves, the simulation."""
+    collision: Seconds | None
+    """When the simulated vehicle touches the one ahead, which the measured one does not."""
+    disturbance: FloatArray | None = None
+    """(N,) in m/s², where the method estimates it."""
+    band: tuple[FloatArray, ...] = ()
+    """(4, K) time, ends of the predicted gap, and the measured one, of each stretch with a band."""
+    level: float = 0.0
+    """Of the band."""
+    about: str = ""
+    """What is drawn beside the data."""
+
+
 def driven(result: Result, follower: int, window: int = 0) -> Trajectories | None:
     """One follower by the estimate behind the measured vehicle ahead, as one column.
 
@@ -178,92 +204,121 @@ def driven(result: Result, follower: int, window: int = 0) -> Trajectories | Non
     return simulated(pair, estimate.model, estimate.parameters[[follower]])
 
 
-def tracking_of(
-    result: Result, follower: int, window: int = 0, *, height: int | None = None
-) -> go.Figure:
-    """One follower of an estimate: data, curves, simulation, band, error and disturbance.
+def curves_in(
+    segment: Segment, follower: int, curves: Trajectories | None = None,
+    simulation: Trajectories | None = None, own: str = "network",
+    disturbance: FloatArray | None = None,
+) -> Curves:  # fmt: skip
+    """One follower (0 for the first) in a segment, with curves and a disturbance (N, M) in m/s².
 
-    Follower and window are counted from 0; the band is known in the first window. Curves that are
-    the simulation itself are drawn once. The height is in pixels.
+    The simulation is of this follower alone, behind the measured vehicle ahead, as one column;
+    ``own`` names the curves.
     """
-    estimate = result.estimate
-    has_curves = bool(estimate.curves) and not METHODS[estimate.method].is_closed_loop
-    return tracking(
-        result.segments[window],
-        follower,
-        estimate.curves[window] if has_curves else None,
-        driven(result, follower, window),
-        "network" if estimate.method == "pinn" else name_of(estimate, with_model=False),
-        with_error=True,
-        predicted=result.gap_band if window == 0 else None,
-        disturbance=of_window(estimate.arrays, window).get("disturbance"),
-        height=height,
+    given = {DATA: (segment.measured, follower), own: (curves, follower)}
+    lines = {
+        name: Trajectories(segment.start + of.time, of.speeds[:, [k, k + 1]], of.gaps[:, [k]])
+        for name, (of, k) in (given | {SIMULATION: (simulation, 0)}).items()
+        if of
+    }
+    hits: Mask = np.zeros(1, bool)
+    if simulation:
+        hits = collides(simulation.gaps[:, 0]) & (segment.measured_gaps[:, follower] > 0)
+    return Curves(
+        segment.vehicles[follower + 1],
+        style.vehicle_colours(segment.vehicles)[follower + 1],
+        lines,
+        float(segment.start + segment.time[hits.argmax()]) if hits.any() else None,
+        None if disturbance is None else disturbance[:, follower],
     )
 
 
-def tracking(
-    segment: Segment,
-    follower: int,
-    curves: Trajectories | None = None,
-    simulation: Trajectories | None = None,
-    own: str = "network",
-    *,
-    with_error: bool = False,
-    predicted: GapBand | None = None,
-    disturbance: FloatArray | None = None,
-    height: int | None = None,
-) -> go.Figure:
-    """Gap and speed of one follower (0 for the first): data, a method's curves and a simulation.
+def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
+    """One follower of an estimate in one window, both counted from 0.
 
-    The simulation is of this follower alone, behind the measured vehicle ahead, as one column;
-    ``own`` names the curves. The error of the gap, and a disturbance (N, M) in m/s², have panels of
-    their own. The height is in pixels, by default that of the panels.
+    Curves that are the simulation itself are left out; the band is known in the first window.
     """
-    measured, start = segment.measured, segment.window.start
+    estimate, segment, method = result.estimate, result.segments[window], result.estimate.method
+    has_own = bool(estimate.curves) and not METHODS[method].is_closed_loop
+    curves = curves_in(
+        segment,
+        follower,
+        estimate.curves[window] if has_own else None,
+        driven(result, follower, window),
+        "network" if method == "pinn" else METHODS[method].title,
+        of_window(estimate.arrays, window).get("disturbance"),
+    )
+    several = f"Window {segment.window}. " if len(result.segments) > 1 else ""
+    about = f"{several}Simulation: the vehicle behind the measured one ahead, by the estimate."
+    curves = replace(curves, about=about)
+    if window > 0 or not (band := result.gap_band):
+        return curves
+    measured = np.interp(band.time, segment.time, segment.measured.gaps[:, follower])
+    ends = band.lower[:, follower], band.upper[:, follower]
+    parts = np.array([segment.start + band.time, *ends, measured])
+    known = np.flatnonzero(np.isfinite(parts[1]))
+    pieces = np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
+    step = 1 + len(measured) // BAND_POINTS
+    drawn = tuple(parts[:, piece[::step]] for piece in pieces)
+    return replace(curves, band=drawn, level=band.level)
+
+
+def tracking(
+    segment: Segment, follower: int, curves: Trajectories | None = None,
+    simulation: Trajectories | None = None, own: str = "network",
+    disturbance: FloatArray | None = None, height: int | None = None,
+) -> go.Figure:  # fmt: skip
+    """The chart `drive` of `curves_in` a segment, without the gap's error."""
+    numbers = curves_in(segment, follower, curves, simulation, own, disturbance)
+    return drive(numbers, with_error=False, height=height)
+
+
+def tracking_of(result: Result, follower: int, window: int = 0) -> go.Figure:
+    """The chart `drive` of `curves_of` a result."""
+    return drive(curves_of(result, follower, window))
+
+
+def drive(curves: Curves, *, with_error: bool = True, height: int | None = None) -> go.Figure:
+    """Gap and speed of one follower: data, a method's curves and a simulation.
+
+    The error of the gap, and a disturbance, have panels of their own. The height is in pixels, by
+    default that of the panels.
+    """
+    moved, data = curves.disturbance, curves.lines[DATA]
     rows = [GAP, SPEED, *([GAP_ERROR] if with_error else [])]
-    moved = len(rows)
-    rows += [DISTURBANCE] if disturbance is not None else []
+    rows += [] if moved is None else [DISTURBANCE]
     chart = style.Chart(
-        f"tracking-{segment.vehicles[follower + 1]}", height or 140 + 160 * len(rows),
+        f"tracking-{curves.number}", height or 140 + 160 * len(rows),
         style.stack(*HEIGHTS[len(rows)]), rows,
     )  # fmt: skip
     for row in range(3, len(rows) + 1):
         chart.level(f"y{row}", 0, {"color": style.GRID, "width": 1.5})
-    if predicted:
-        _draw_band(chart, predicted, follower, start)
+    for at, (time, lower, upper, measured) in enumerate(curves.band):
+        look: style.Part = {"colour": style.MODEL, "opacity": 0.3}
+        name = f"{100 * curves.level:.0f} % band"
+        chart.band(time, lower, upper, name=name, panel=1, showlegend=at == 0, **look)
         if with_error:  # narrow bands are seen there alone
-            _draw_band(chart, predicted, follower, start, segment)
-    colour = style.vehicle_colours(segment.vehicles)[follower + 1]
-    gaps = measured.gaps[:, follower]
-    for name, source, k, paint, width, dash in (
-        ("data", measured, follower, style.LEADER, 4, "solid"),
-        (own, curves, follower, colour, 1.5, "solid"),
-        (SIMULATION, simulation, 0, style.MODEL, 1.5, "dot"),
-    ):
-        if source is None:
-            continue
-        drawn = [source.gaps[:, k], source.speeds[:, k + 1]]
-        drawn += [] if source is measured else [source.gaps[:, k] - gaps]
-        opacity = 0.7 if source is measured else 1.0
-        for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
-            chart.line(
-                start + source.time, values, name, paint, width, dash, row, _hover(channel, name),
-                opacity=opacity,
-            )  # fmt: skip
-    if simulation:
-        pair = segment.pair(follower)
-        findings = closed_loop_findings(pair, simulation)
-        collision = float(collision_times(findings, pair.vehicles)[0])
-        if not np.isnan(collision):
-            chart.level("y", 0, {"color": style.LEADER, "width": 1.5})
-            cross = {"symbol": "x", "size": 11, "color": style.MODEL}
-            hover = f"{collision:.1f} s<extra>collision</extra>"
-            chart.dots([collision], [0.0], "collision", 1, hover, marker=cross)
-    if disturbance is not None:
-        time = start + np.linspace(0, segment.window.duration, len(disturbance))
+            ends = lower - measured, upper - measured
+            chart.band(time, *ends, name=name, panel=3, showlegend=False, **look)
+    looks: dict[str, style.Part] = {
+        DATA: {"colour": style.LEADER, "width": 4, "opacity": 0.7},
+        SIMULATION: {"colour": style.MODEL, "width": 1.5, "dash": "dot"},
+    }
+    for name, line in curves.lines.items():
+        drawn = {GAP: line.gaps[:, 0], SPEED: line.speeds[:, 1]}
+        drawn |= {GAP_ERROR: (line.gaps - data.gaps)[:, 0]} if with_error and name != DATA else {}
+        look = looks.get(name, {"colour": curves.colour, "width": 1.5})
+        for row, (channel, values) in enumerate(drawn.items(), 1):
+            chart.line(line.time, values, name, panel=row, hover=_hover(channel, name), **look)
+    if curves.collision is not None:
+        chart.level("y", 0, {"color": style.LEADER, "width": 1.5})
+        cross = {"symbol": "x", "size": 11, "color": style.MODEL}
+        hover = f"{curves.collision:.1f} s<extra>collision</extra>"
+        chart.dots([curves.collision], [0.0], "collision", 1, hover, marker=cross)
+    if moved is not None:
         chart.line(
-            time, disturbance[:, follower], "disturbance", colour, 1.5, panel=len(rows),
-            hover=_hover(DISTURBANCE, "disturbance"), showlegend=False,
+            np.linspace(data.time[0], data.time[-1], len(moved)), moved, "disturbance",
+            curves.colour, 1.5, panel=len(rows), hover=_hover(DISTURBANCE, "disturbance"),
+            showlegend=False,
         )  # fmt: skip
     return style.with_legend(chart.figure())
 
@@ -272,20 +327,38 @@ def _hover(channel: Quantity, name: str) -> str:
     return f"%{{y:.2f}} {channel.unit}<extra>{html.escape(name)}</extra>"
 
 
-def _draw_band(
-    chart: style.Chart, predicted: GapBand, follower: int, start: Seconds,
-    data: Segment | None = None,
-) -> None:  # fmt: skip
-    """Draw the band, one area for each stretch of time that has one.
+@view
+def forest(description: Description, follower: int) -> go.Figure:
+    """The time gap of each window alone, and of all of them together, with intervals.
 
-    With ``data`` it is that of the gap's error.
+    The estimate has its windows' own values; the follower is 0 for the first.
     """
-    lower, upper, panel = predicted.lower[:, follower], predicted.upper[:, follower], 1
-    if data:
-        measured = np.interp(predicted.time, data.time, data.measured.gaps[:, follower])
-        lower, upper, panel = lower - measured, upper - measured, 3
-    for at, stretch in enumerate(stretches(np.isfinite(lower))):
-        rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
-        time, name = start + predicted.time[rows], f"{100 * predicted.level:.0f} % band"
-        first = at == 0 and data is None
-        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.3, name, panel, showlegend=first)
+    row, speed = description.row(follower), description.estimate.stated_speed
+    colour = style.vehicle_colours(description.info.vehicles)[follower + 1]
+    chart = style.Chart(f"forest-{follower}", 300)
+    span, alone = row.known[0].span, [gap.span for gap, _ in row.windows]
+    gaps, low, high = np.array([(one.value, one.lower, one.upper) for one in alone]).T
+    low, high = np.fmin(low, gaps), np.fmax(high, gaps)  # a point has no ends
+    ends = np.array([[info.window.start, info.window.end] for info in description.infos])
+    margin = 0.03 * max(float(np.ptp(ends)), 1.0)
+    whole = np.array([ends.min() - margin, ends.max() + margin])
+    if description.estimate.posterior:
+        for lower, upper, opacity in (
+            (span.further_lower, span.further_upper, FURTHER),
+            (span.lower, span.upper, TYPICAL),
+        ):
+            chart.band(whole, np.full(2, lower), np.full(2, upper), colour, opacity)
+    chart.line(whole, np.full(2, span.value), colour=colour, hoverinfo="skip")
+    middles, grey = ends.mean(axis=1), {"color": style.LEADER}
+    chart.dots(
+        middles, gaps, hover="%{text}: %{y:.2f} s<extra></extra>", marker=grey | {"size": 9},
+        text=[str(info.window) for info in description.infos],
+        ends=(low, high), bar=grey | {"thickness": 1.6, "width": 5},
+        error_x=grey | {"array": ends[:, 1] - middles, "thickness": 3, "width": 0},
+    )  # fmt: skip
+    seen = np.array([*gaps, *low, *high, span.value, span.further_lower, span.further_upper])
+    seen = seen[np.isfinite(seen)]
+    shown = [max(0.0, float(seen.min()) - 0.05), float(seen.max()) + 0.05] if len(seen) else None
+    chart.axis("x", TIME.axis, range=whole.tolist(), showgrid=False)
+    chart.axis("y", f"Time gap at {3.6 * speed:.0f} km/h [s]", range=shown)
+    return chart.figure()

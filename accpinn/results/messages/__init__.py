@@ -19,6 +19,6 @@ def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
 
 def incidents(evaluation: "Evaluation", about: Labelled) -> tuple[str, ...]:
     """Collisions, reversing and divergence in the closed-loop simulation, the window's first."""
-    outside = messages(evaluation.out_of_window_findings, about)
-    rest = (f"Outside the window, {said[0].lower()}{said[1:]}" for said in outside)
-    return (*messages(evaluation.findings, about), *rest)
+    from accpinn.results import description  # see above
+
+    return description.incidents(evaluation, about)

@@ -1,47 +1,39 @@
 """An estimate in sentences, one a follower, and what its numbers are."""
 
-from collections.abc import Iterator, Sequence
-from math import ceil, inf, isnan
+from collections.abc import Sequence
+from itertools import compress
+from math import ceil, inf, isfinite, isnan
 from typing import NamedTuple
 
+import numpy as np
+
 from accpinn.findings import all_of, capital, joined, percent, who
+from accpinn.inference.gain_check import LEAST
+from accpinn.inference.identifiability import SYMBOLS, WIDE, wide_intervals
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.prediction import GapBand
 from accpinn.inference.trust import trust_of_several
-from accpinn.inference.typical import HeterogeneousFollowers
-from accpinn.methods.estimate import SPEEDS, Estimate
+from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, has_terms_of, value_of
-from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
-from accpinn.results.messages.stability import against_model, assessed, becomes
+from accpinn.model.registry import CTHPS, PAPER, TITLES, has_terms_of, value_of
+from accpinn.results.description import PAPERS_POINT as PAPERS_POINT
+from accpinn.results.description import POINT as POINT
+from accpinn.results.description import Description, Row, describe, view
+from accpinn.results.description import about_point as about_point
+from accpinn.results.messages.stability import against_measured, becomes
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.estimates import columns_of
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment
 from accpinn.study.result import Result
 from accpinn.units import MetresPerSecond, Quantity
 
-PAPERS_PRESETS = ("fast", "paper")
-"""Presets that minimise the paper's loss."""
-PAPERS_POINT = "the paper's estimate: a point, biased where disturbances last"
-POINT = "a point, without intervals"
+CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
+"""How an estimation ends that has come to its estimate."""
 HARDLY_KNOWN = 5.0
 """Factor between a gain and an end of its interval above which it is called hardly known."""
 SYMMETRIC = 1.3
 """The same up to which both ends are said as one."""
-
-
-def about_point(estimate: Estimate) -> str:
-    """What an estimate without a posterior is, in a few words; empty for one with a posterior."""
-    if estimate.posterior:
-        return ""
-    is_papers = estimate.method == "pinn" and estimate.settings.get("preset") in PAPERS_PRESETS
-    return PAPERS_POINT if is_papers and estimate.model == PAPER else POINT
-
-
-def counted_windows(result: Result) -> str:
-    """As "one window" or "3 windows"."""
-    count = len(result.infos)
-    return "one window" if count == 1 else f"{count} windows"
 
 
 def assumption(result: Result, speed: MetresPerSecond | None = None) -> str:
@@ -49,14 +41,12 @@ def assumption(result: Result, speed: MetresPerSecond | None = None) -> str:
 
     Another model than a CTHP is linearised at the speed, by default at each vehicle's median.
     """
-    estimate = result.estimate
+    description, model = describe(result), result.estimate.following
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
-    at = "" if estimate.following.is_cthp else f", linearised at {at}"
-    point = about_point(estimate)
-    return (
-        f"The verdict is that of the {TITLES[estimate.model]}, estimated from"
-        f" {counted_windows(result)}{at}{f'; {point}' if point else ''}."
-    )
+    at = "" if model.is_cthp else f", linearised at {at}"
+    point = f"; {description.point}" if description.point else ""
+    windows = "one window" if len(result.infos) == 1 else f"{len(result.infos)} windows"
+    return f"The verdict is that of the {model.title}, estimated from {windows}{at}{point}."
 
 
 class Card(NamedTuple):
@@ -67,42 +57,43 @@ class Card(NamedTuple):
     lead: str
     """The estimate: time gap, gains, what becomes of disturbances."""
     trust: str
-    """How far to trust it, by its own windows."""
-    is_contradicted: bool
-    """Whether what `trust` says is against it."""
+    """What is against it, and how far to trust it by its own windows."""
+    against: str
+    """The part of `trust` that is against it; empty where nothing is."""
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether anything is."""
+        return bool(self.against)
 
 
-def cards(
-    result: Result, subject: KnownVehicles | None = None, *, together: bool = False
-) -> tuple[Card, ...]:
+@view
+def cards(description: Description, *, together: bool = False) -> tuple[Card, ...]:
     """The estimate of each follower in sentences; one card for all that share it.
 
-    Followers of one verdict, which nothing is against, may also be told ``together``. The subject
-    are the result's vehicles, by default as `known_vehicles` has them.
+    Followers of one verdict, which nothing is against, may also be told ``together``.
     """
-    subject, estimate = subject or known_vehicles(result), result.estimate
-    groups: dict[Assessment | int, list[int]] = {}
-    for k, trust in enumerate(result.trust):
-        is_sure = not (trust.is_contradicted or _against(result, subject, [k]))
-        is_shared = together and is_sure and _is_determined(estimate, k)
-        groups.setdefault(assessed(subject, k) if is_shared else k, []).append(k)
-    return tuple(_card(result, subject, followers) for followers in groups.values())
+    groups: dict[Assessment | int, list[Row]] = {}
+    for k, row in enumerate(description.rows):
+        is_sure = not (row.trust.is_contradicted or row.against)
+        is_shared = together and is_sure and row.is_determined
+        groups.setdefault(description.vehicles.assessed[k] if is_shared else k, []).append(row)
+    return tuple(_card(description, rows) for rows in groups.values())
 
 
-def _card(result: Result, subject: KnownVehicles, followers: Sequence[int]) -> Card:
-    estimate, trusts = result.estimate, [result.trust[k] for k in followers]
-    labels = [who(trust.vehicle, result.info) for trust in trusts]
-    is_shared = trusts[0].vehicle == 0
-    everyone = range(len(estimate.speeds)) if is_shared else followers
-    are_several = len(trusts) > 1 or is_shared
-    against = _against(result, subject, everyone)
-    lead = [_headline(labels, are_several, result, followers)]
-    lead += _gains("Their" if are_several else "Its", estimate, followers)
-    if assessed(subject, everyone[0]) != "not determined":
-        lead.append(becomes(subject, everyone, "they" if are_several else "it", are_several))
+def _card(description: Description, rows: Sequence[Row]) -> Card:
+    labels = [who(row.number, description.info) for row in rows]
+    places = [k for row in rows for k in row.places]
+    against, trusts = rows[0].against, [row.trust for row in rows]
+    are_several, subject = len(rows) > 1 or rows[0].number == 0, description.vehicles
+    lead = [_headline(labels, are_several, description, rows)]
+    lead += _gains("Their" if are_several else "Its", rows)
+    if subject.assessed[places[0]] != "not determined":
+        lead.append(becomes(subject, places, "they" if are_several else "it", are_several))
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
-    is_contradicted = trusts[0].is_contradicted or bool(against)
-    return Card(joined(labels), " ".join(lead), " ".join((*against, trust)), is_contradicted)
+    said, doubted = " ".join((*against, trust)), " ".join(against)
+    doubted = said if trusts[0].is_contradicted else doubted
+    return Card(joined(labels), " ".join(lead), said, doubted)
 
 
 def contradictions(result: Result | None) -> tuple[str, ...]:
@@ -114,23 +105,24 @@ def contradictions(result: Result | None) -> tuple[str, ...]:
     )
 
 
-def about_estimate(result: Result) -> str:
+@view
+def about_estimate(description: Description) -> str:
     """What the numbers of the table of parameters are."""
-    estimate = result.estimate
-    speeds, model = estimate.speeds, estimate.model
-    gap = f", {'τ + s₀/v' if 's0' in estimate.names else 'τ'}" if model in CTHPS else ""
+    estimate = description.estimate
+    speeds, model, level = estimate.speeds, estimate.following, estimate.level
+    gap = f", {'τ + s₀/v' if 's0' in model.names else 'τ'}" if model.is_cthp else ""
     low, high = (f"{3.6 * end:.0f}" for end in (speeds.min(), speeds.max()))
     median = low if low == high else f"{low} to {high}"
-    marked = any(not estimate.is_driven(v, k) for v in SPEEDS for k in range(len(speeds)))
+    marked = any(gap.note for row in description.rows for gap in row.gaps.values())
     extrapolated = " With *: no window holds that speed, so the model extrapolates." * marked
     said = (
-        f"{FOLLOWING[model].equation}, with gap p, speed v, and Δv = speed ahead − v."
+        f"{model.equation}, with gap p, speed v, and Δv = speed ahead − v."
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{extrapolated}"
     )
-    if estimate.level is None:
-        return f"{said} {capital(about_point(estimate))}."
+    if level is None:
+        return f"{said} {capital(description.point)}."
     return (
-        f"{said} In brackets: the {percent(estimate.level)} interval of the vehicle's typical"
+        f"{said} In brackets: the {percent(level)} interval of the vehicle's typical"
         " value; last column: where the time gap of one more window lies. Intervals include"
         " variation between drives; poorly determined parameters are shrunk towards other cars."
     )
@@ -168,23 +160,17 @@ def time_gap_in_words(gap: Quantity, speed: MetresPerSecond, level: float | None
     return f"{gap.value:.{digits}f} {at} ({named}{typical})"
 
 
-def _is_determined(estimate: Estimate, follower: int) -> bool:
-    """Whether there is a time gap, and where there is a posterior its interval."""
-    gap = estimate.time_gap(estimate.stated_speed, follower)
-    return not isnan(gap.value if estimate.posterior is None else gap.lower)
-
-
 def _headline(
-    labels: Sequence[str], are_several: bool, result: Result, followers: Sequence[int]
+    labels: Sequence[str], are_several: bool, description: Description, rows: Sequence[Row]
 ) -> str:
-    estimate, verb = result.estimate, "keep" if are_several else "keeps"
+    verb, estimate = "keep" if are_several else "keeps", description.estimate
     speed, level = estimate.stated_speed, estimate.level
-    if not _is_determined(estimate, followers[0]):
+    if not rows[0].is_determined:
         return f"{labels[0]}: the data do not determine the time gap."
-    gaps = [estimate.time_gap(speed, k) for k in followers]
+    gaps = [row.known[0].span for row in rows]
     if len(gaps) == 1:
         return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed, level)}."
-    are_all = len(labels) == len(result.trust)
+    are_all = len(labels) == len(description.rows)
     named = capital(all_of(len(labels), "followers")) if are_all else joined(labels)
     least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
     kept = least if least == most else f"{least}–{most}"
@@ -197,9 +183,9 @@ def _headline(
     )
 
 
-def _gains(whose: str, estimate: Estimate, followers: Sequence[int]) -> tuple[str, ...]:
+def _gains(whose: str, rows: Sequence[Row]) -> tuple[str, ...]:
     """How far α and β may be from their values: the least known one counts."""
-    spans = [estimate.gain(name, k) for name in ("alpha", "beta") for k in followers]
+    spans = [span for row in rows for span in row.at_median[0][:2]]
     if any(isnan(span.value) or isnan(span.lower) for span in spans):
         return ()
     above = max(span.upper / span.value if span.value > 0 else inf for span in spans)
@@ -212,24 +198,79 @@ def _gains(whose: str, estimate: Estimate, followers: Sequence[int]) -> tuple[st
     return (f"{whose} gains: -{100 * (1 - 1 / below):.0f}/+{100 * (above - 1):.0f} %.",)
 
 
-def _against(result: Result, subject: KnownVehicles, followers: Sequence[int]) -> tuple[str, ...]:
-    """What is against an estimate of some followers beside its own windows, in sentences."""
-    info, estimate = result.info, result.estimate
-    numbers, speed = [info.vehicles[k + 1] for k in followers], estimate.stated_speed
-    said = [*_unsound(result.infos, numbers)]
-    unlike = (found for found in result.findings if isinstance(found, HeterogeneousFollowers))
-    said += [found.sentence(info) for found in unlike]
-    if not all(estimate.is_driven(speed, k) for k in followers):
-        said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
-    return (*said, *against_model(subject, numbers))
+def about_band(model: str) -> str:
+    """What the band of gaps is that a model with a posterior predicts."""
+    simulated = TITLES[model] if model in CTHPS else f"linearisation of the {TITLES[model]}"
+    return (
+        f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
+        " posterior samples of the parameters and random disturbances of the estimated size."
+    )
 
 
-def _unsound(infos: Sequence[SegmentInfo], numbers: Sequence[int]) -> Iterator[str]:
-    """What the data of some windows have against the estimate of some followers."""
-    findings = [found for info in infos for found in info.findings]
-    gaps = [found for found in findings if isinstance(found, GapContradictsSpeeds)]
-    if any(found.follower in numbers for found in gaps):
-        yield "Do not trust it: the measured gap contradicts the speeds."
-    large = [found for found in findings if isinstance(found, ValuesOutOfRange)]
-    if any(found.is_in_another_unit and {*found.followers} & {*numbers} for found in large):
-        yield "Do not trust it: measured values are too large; check their units."
+@view
+def about_curves(
+    description: Description, follower: int, band: GapBand | None = None
+) -> tuple[str, ...]:
+    """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
+    info, of = description.info, description.info.vehicles[follower + 1]
+    said = [
+        found.sentence(info) for found in (band.findings if band else ()) if found.vehicle == of
+    ]
+    return tuple(filter(None, (*said, description.row(follower).disturbance)))
+
+
+class Check(NamedTuple):
+    """A question to be asked before an estimate's numbers are quoted, and its answer."""
+
+    title: str
+    meaning: str
+    passed: bool | None
+    """None: it is not known."""
+    why: tuple[str, ...]
+    """What the answer rests on, in sentences."""
+
+
+MEANINGS = {
+    "Converged": "Whether the estimate has stopped changing. Tab Training shows its course.",
+    "Identified": f"Whether the intervals of α, β and τ span less than a factor of {WIDE:g}.",
+    "Simulated without collision": "Whether the closed-loop simulation behind the measured leader"
+    " ends without a collision, reversing or divergence, in the windows and outside.",
+    "Measured gain agrees": "Whether the gain that is measured from the recording without a model"
+    " allows the verdict on string stability.",
+    "Drive reproduced": "Whether each vehicle, simulated behind the measured one ahead, keeps the"
+    " measured gap up to half of the gap's standard deviation.",
+}
+"""What is asked of an estimate, in the order in which it is shown."""
+
+
+@view
+def checks(description: Description) -> tuple[Check, ...]:
+    """All checks of an estimate; those of intervals and of their verdicts where it has some."""
+    info, events, subject = description.info, description.events, description.vehicles
+    trusts = [row.trust for row in description.rows]
+    missed = tuple(trust.sentence(info) for trust in trusts if not trust.is_reproduced)
+    is_known, outcome = all(isfinite(t.rmse) for t in trusts), description.estimate.outcome
+    answers: dict[str, tuple[bool | None, tuple[str, ...]]] = {
+        "Converged": (outcome in CONVERGED, (outcome.value,)),
+        "Simulated without collision": (not events, events),
+        "Drive reproduced": (not missed if is_known else None, missed),
+    }
+    if subject.uncertainty:
+        wide = _wide(info, subject.uncertainty)
+        answers["Identified"] = not wide, wide
+        compared = [check for check in subject.checks if check.frequencies >= LEAST]
+        agrees = not any(check.contradiction for check in compared) if compared else None
+        answers["Measured gain agrees"] = agrees, against_measured(subject.checks, info)
+    return tuple(
+        Check(title, meaning, *answers[title])
+        for title, meaning in MEANINGS.items()
+        if title in answers
+    )
+
+
+def _wide(info: SegmentInfo, uncertainty: Uncertainty) -> tuple[str, ...]:
+    """For each follower the parameters with wide intervals, all where none is determined."""
+    are_wide = wide_intervals(uncertainty) | np.isnan(uncertainty.lower.alpha)[:, None]
+    pairs = zip(info.vehicles[1:], are_wide, strict=True)
+    named = ((who(vehicle, info), tuple(compress(SYMBOLS, row))) for vehicle, row in pairs)
+    return tuple(f"{label}: {joined(symbols)}." for label, symbols in named if symbols)

@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf, isnan
 
-from accpinn.findings import Labelled, all_of, capital, joined, percent, probability, spelled
-from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
+from accpinn.findings import all_of, capital, joined, percent, probability, spelled
+from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.results.vehicles import ALL_OF_IT, KnownVehicles
+from accpinn.results.vehicles import ALL_OF_IT, KnownVehicles, against_model
+from accpinn.results.vehicles import against_measured as against_measured
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -15,7 +16,6 @@ from accpinn.stability import (
     StabilityReport,
     VehicleStability,
     Verdict,
-    assessment,
 )
 from accpinn.units import FloatArray, Quantity
 
@@ -271,7 +271,7 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
     for kind in _ASSESSED:
-        alike = [k for k in range(total) if assessed(subject, k) == kind]
+        alike = [k for k in range(total) if subject.assessed[k] == kind]
         named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
         named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
         if alike:
@@ -280,15 +280,6 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
         if kind == "stable" and len(alike) == total:
             if not all(vehicle.linf_exact.stable for vehicle in subject.report.vehicles):
                 yield "But peaks can still grow: see the L∞ gain."
-
-
-def assessed(subject: KnownVehicles, follower: int) -> Assessment:
-    """The verdict on a follower (0 for the first), by its posterior where it is known."""
-    if not subject.has_report:
-        return "not determined"
-    if subject.uncertainty:
-        return assessment(float(subject.uncertainty.probability_l2[follower]))
-    return "stable" if subject.report.vehicles[follower].l2.stable else "unstable"
 
 
 def becomes(
@@ -308,7 +299,7 @@ def becomes(
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
     """
-    known, kind, peaks = subject.uncertainty, assessed(subject, alike[0]), {}
+    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]], {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
@@ -349,38 +340,6 @@ def not_acc(chosen: ParameterSet) -> str:
     said = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
     said += [f"Driven by hand {joined(parts)} of the time."] if parts else []
     return " ".join(said)
-
-
-def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[str]:
-    """What the measured gain has against the model for all vehicles, or those of some numbers."""
-    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    against, over = list[str](), list[str]()
-    for check in subject.checks:
-        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
-        if numbers and check.vehicle not in numbers:
-            continue
-        if check.contradiction:
-            against.append(f"{name} ({check.short})")
-        elif check.is_underrated:
-            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
-    if against:
-        yield f"The measured gain contradicts the model for {joined(against)}."
-    if over:
-        yield f"The measured gain peaks above the model's: {joined(over)}."
-
-
-def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
-    """What the measured gain says of each vehicle; of those without a comparison at once."""
-    none = [check for check in checks if check.frequencies < LEAST]
-    alone = [check for check in checks if check not in none or len(none) == 1]
-    said = [check.sentence(about) for check in alone]
-    if len(none) > 1:
-        named = joined([about.label(check.vehicle) for check in none])
-        said.append(
-            f"{named}: the verdicts could not be held against a measured gain, as too few"
-            " frequencies are coherent; a longer window has more."
-        )
-    return tuple(said)
 
 
 def _odds(stable: FloatArray) -> str:

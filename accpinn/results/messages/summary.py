@@ -1,50 +1,25 @@
 """A result in a few sentences, what its numbers assume, and the checks and cautions about it."""
 
 from collections.abc import Sequence
-from itertools import compress
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from accpinn.findings import Finding, all_of, capital, joined, percent, who
-from accpinn.inference.gain_check import LEAST
-from accpinn.inference.identifiability import SYMBOLS, WIDE, wide_intervals
-from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
-from accpinn.inference.prediction import GapBand
 from accpinn.methods.estimate import Estimate, Outcome
-from accpinn.methods.joint_likelihood import disturbance_sizes
 from accpinn.methods.registry import recommended_method
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, gains_and_gap
+from accpinn.model.registry import FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
-from accpinn.results.messages import incidents, messages
+from accpinn.results.description import name_of
+from accpinn.results.messages import messages
+from accpinn.results.messages.estimate import about_curves as about_curves
 from accpinn.results.messages.estimate import cards
-from accpinn.results.messages.stability import against_measured
-from accpinn.results.tables.estimates import COMPARED, name_of, outside_interval
-from accpinn.segment import SegmentInfo
+from accpinn.results.tables.estimates import COMPARED, outside_interval
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
-
-CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
-"""How an estimation ends that has come to its estimate."""
-
-
-def about_band(result: Result) -> str:
-    """What a predictive band is."""
-    model = result.estimate.model
-    simulated = TITLES[model] if model in CTHPS else f"linearisation of the {TITLES[model]}"
-    return (
-        f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
-        " posterior samples of the parameters and random disturbances of the estimated size."
-    )
-
-
-def about_tracking(result: Result, window: int = 0) -> str:
-    """What is drawn beside the data of a window (0 for the first)."""
-    several = f"Window {result.infos[window].window}. " if len(result.infos) > 1 else ""
-    return f"{several}Simulation: the vehicle behind the measured one ahead, by the estimate."
 
 
 def equation(model: str) -> tuple[str, str]:
@@ -198,15 +173,6 @@ def agreement(rows: Sequence[Result], recommended: Result) -> str:
     return f"{alike} with the recommended estimate {within}{other}.{size}"
 
 
-def about_curves(result: Result, follower: int, band: GapBand | None = None) -> tuple[str, ...]:
-    """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
-    info = result.info
-    vehicles = (0, info.vehicles[follower + 1])
-    coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
-    sizes = disturbance_sizes(info.vehicles, result.estimate)
-    return messages((*coverage, *(size for size in sizes if size.vehicle in vehicles)), info)
-
-
 def setting(value: Any) -> str:
     """The value of a setting as text."""
     if isinstance(value, list):
@@ -243,78 +209,8 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
     return tuple((term, str(value)) for term, value in rows.items() if value)
 
 
-def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
-    """Cautions, by the part of the report they belong to."""
-    info = snapshot.info
-    on_data: list[Finding] = [found for part in snapshot.infos for found in part.findings]
-    on_data += [found for quality in snapshot.qualities for found in quality.findings]
-    return {
-        "data": tuple(dict.fromkeys(messages(on_data, info))),
-        "parameters": messages(snapshot.weaknesses, info),
-        "closed_loop": incidents(snapshot.evaluation, info),
-    }
-
-
-class Check(NamedTuple):
-    """A question to be asked before an estimate's numbers are quoted, and its answer."""
-
-    title: str
-    meaning: str
-    passed: bool | None
-    """None: it is not known."""
-    why: tuple[str, ...]
-    """What the answer rests on, in sentences."""
-
-
-def checks(result: Result) -> tuple[Check, ...]:
-    """All checks of an estimate, in the order in which they are shown."""
-    info, known, estimate = result.info, result.uncertainty, result.estimate
-    events = incidents(result.evaluation, info)
-    converged = Check(
-        "Converged",
-        "Whether the estimate has stopped changing. Tab Training shows its course.",
-        estimate.outcome in CONVERGED,
-        (estimate.outcome.value,),
-    )
-    without_collision = Check(
-        "Simulated without collision",
-        "Whether the closed-loop simulation behind the measured leader ends without a collision,"
-        " reversing or divergence, in the windows and outside.",
-        not events,
-        events,
-    )
-    missed = [trust for trust in result.trust if not trust.is_reproduced]
-    is_known = all(np.isfinite(trust.rmse) for trust in result.trust)
-    reproduced = Check(
-        "Drive reproduced",
-        "Whether each vehicle, simulated behind the measured one ahead, keeps the measured gap up"
-        " to half of the gap's standard deviation.",
-        not missed if is_known else None,
-        tuple(trust.sentence(info) for trust in missed),
-    )
-    if known is None:
-        return converged, without_collision, reproduced
-    wide = _wide(info, known)
-    identified = Check(
-        "Identified",
-        f"Whether the intervals of α, β and τ span less than a factor of {WIDE:g}.",
-        not wide,
-        wide,
-    )
-    compared = [check for check in result.gain_checks if check.frequencies >= LEAST]
-    agrees = Check(
-        "Measured gain agrees",
-        "Whether the gain that is measured from the recording without a model allows the verdict on"
-        " string stability.",
-        not any(check.contradiction for check in compared) if compared else None,
-        against_measured(result.gain_checks, info),
-    )
-    return converged, identified, without_collision, agrees, reproduced
-
-
-def _wide(info: SegmentInfo, uncertainty: Uncertainty) -> tuple[str, ...]:
-    """For each follower the parameters with wide intervals, all where none is determined."""
-    are_wide = wide_intervals(uncertainty) | np.isnan(uncertainty.lower.alpha)[:, None]
-    pairs = zip(info.vehicles[1:], are_wide, strict=True)
-    named = ((who(vehicle, info), tuple(compress(SYMBOLS, row))) for vehicle, row in pairs)
-    return tuple(f"{label}: {joined(symbols)}." for label, symbols in named if symbols)
+def cautions(snapshot: Result) -> tuple[str, ...]:
+    """What the data of the windows should be read with, each sentence once."""
+    found: list[Finding] = [finding for part in snapshot.infos for finding in part.findings]
+    found += [finding for quality in snapshot.qualities for finding in quality.findings]
+    return tuple(dict.fromkeys(messages(found, snapshot.info)))

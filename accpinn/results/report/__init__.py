@@ -32,6 +32,7 @@ from accpinn.model.cthp import Trajectories
 from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.description import describe
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
@@ -43,7 +44,7 @@ from accpinn.results.figures.style import (
     vehicle_colours,
     with_legend,
 )
-from accpinn.results.figures.training import driven, tracking_of, training_figures
+from accpinn.results.figures.training import curves_of, drive, driven, training_figures
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
@@ -127,19 +128,14 @@ def render_report(
 
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
-    info, estimate = snapshot.info, snapshot.estimate
-    subject, forms = known_vehicles(snapshot), snapshot.adequacy.forms if snapshot.compared else ()
-    paints, numbers = vehicle_colours(info.vehicles), tables.parameter_rows(info, estimate.case)
-    rows = vehicle_colours(info.vehicles, numbers)
-    every = {
-        "parameters": tables.parameter_table(snapshot).coloured(rows),
-        "errors": tables.errors_table(snapshot).coloured(paints),
-    }
-    if estimate.windows is not None and len(snapshot.infos) > 1:
-        for k in range(len(numbers)):
-            every[f"windows_{k + 1}"] = tables.windows_table(snapshot, k)
-    if subject.has_report:
-        every["stability"] = known_table(subject).coloured(paints[1:])
+    info, description = snapshot.info, describe(snapshot)
+    forms = snapshot.adequacy.forms if snapshot.compared else ()
+    paints, every = vehicle_colours(info.vehicles), tables.tables_of(description)
+    rows = vehicle_colours(info.vehicles, [row.number for row in description.rows])
+    for name, colours in (("parameters", rows), ("errors", paints)):
+        every[name] = every[name].coloured(colours)
+    if description.vehicles.has_report:
+        every["stability"] = known_table(description.vehicles).coloured(paints[1:])
     recommended = words.recommended_of((snapshot, *snapshot.compared))
     for k in range(info.followers if snapshot.compared else 0):
         every[f"methods_{k + 1}"] = tables.methods_table(snapshot.compared, k, recommended)
@@ -163,6 +159,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         **dict(zip(names, parts, strict=True)),
         "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
+        "description": describe(snapshot),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
         "words": words,
         "on_estimate": on_estimate,
@@ -222,11 +219,12 @@ def motion_picture(snapshot: Result) -> Picture:
 
 def curve_pictures(snapshot: Result) -> Iterator[Picture]:
     """Per follower: the data of the first window, the method's curves, and the simulation."""
-    said = [words.about_tracking(snapshot)]
+    description = describe(snapshot)
     for k, label in enumerate(snapshot.info.labels[1:]):
-        figure = tracking_of(snapshot, k)
-        about = words.about_curves(snapshot, k, snapshot.gap_band)
-        yield Picture(f"curves_{k + 1}", figure, " ".join((f"{label}.", *said, *about)))
+        curves = curves_of(snapshot, k)
+        about = on_estimate.about_curves(description, k, snapshot.gap_band)
+        said = " ".join((f"{label}.", curves.about, *about))
+        yield Picture(f"curves_{k + 1}", drive(curves), said)
 
 
 def training_pictures(snapshot: Result) -> Iterator[Picture]:

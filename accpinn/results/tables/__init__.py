@@ -95,8 +95,8 @@ class Column:
     """A heading shared with the neighbouring columns of the same group."""
     least: bool = False
     """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
-    is_chance: bool = False
-    """Whether its numbers are probabilities in percent, said as `findings.probability` does."""
+    said: Callable[[float], str] | None = None
+    """How its numbers are put, where not by their digits alone."""
     prose: bool = False
     """Whether its texts may go on in further lines."""
     key: str = ""
@@ -115,7 +115,7 @@ class Column:
     @classmethod
     def chance(cls, title: str, group: str = "") -> "Column":
         """The column of a probability or of a share of vehicles, in percent."""
-        return cls(title, "%", 0, group, is_chance=True)
+        return cls(title, "%", 0, group, said=_chance)
 
     @property
     def heading(self) -> str:
@@ -149,8 +149,8 @@ class Column:
             return ABSENT
         if isinstance(cell, str):
             return cell
-        if self.is_chance:
-            return probability(cell / 100).removesuffix(" %")
+        if self.said:
+            return self.said(cell)
         digits = self.digits or 0
         shown = f"{cell:z.{digits}f}"  # z: nothing rounds to minus zero
         if self.least and cell > 0 and float(shown) == 0:
@@ -181,7 +181,7 @@ class Column:
         if self.may_be_fixed and cell.lower == cell.value == cell.upper:
             return self.shown(cell.value), FIXED
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
-        ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
+        ends = replace(column, said=None)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if ends.startswith("-") else ends.replace(" to ", "–")
 
     def _range(self, cell: Range) -> str:
@@ -202,6 +202,11 @@ Filled = tuple[Column, Iterable[Cell]]
 def interval_cells(values: Values, low: Values, high: Values) -> list[Quantity]:
     """(K,) values with their intervals."""
     return [*map(Quantity, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
+
+
+def _chance(percent: float) -> str:
+    """A probability in percent, without the sign."""
+    return probability(percent / 100).removesuffix(" %")
 
 
 def percent_cells(shares: Values) -> list[Cell]:

@@ -14,11 +14,21 @@ from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.estimate import SPEEDS, Estimate, Outcome, Span, Undetermined
+from accpinn.methods.estimate import SPEEDS, Estimate, Span
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import EXTRA
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, time_gap, value_of
+from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, value_of
+from accpinn.results.description import (
+    FIXED,
+    LEAST,
+    UNDETERMINED,
+    Description,
+    Value,
+    brief,
+    is_least,
+    view,
+)
+from accpinn.results.description import name_of as name_of
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -28,7 +38,7 @@ from accpinn.results.tables import (
     Table,
     interval_cells,
 )
-from accpinn.results.vehicles import ALL_OF_IT, by_hand, where
+from accpinn.results.vehicles import ALL_OF_IT, where
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study import differences
@@ -53,10 +63,6 @@ ALL_WINDOWS = "All windows"
 """The label of the estimate below those of single windows."""
 DRIVER = "Driver"
 AGAINST = "Difference from the CTHP"
-LEAST = "the least value that is sought: it may be less"
-EXTRAPOLATED = "extrapolated: no window holds this speed"
-UNDETERMINED = "not determined"
-"""Stands in place of a value about which the data say hardly more than the prior."""
 MODEL, LEFT_OUT = Column("Model", key="model"), "In windows left out"
 COMPARED = ("α", "β", "time gap")
 """By what estimates under different models are compared; the time gap is at the median speed."""
@@ -64,60 +70,44 @@ TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
 
-def name_of(estimate: Estimate, with_model: bool = True) -> str:
-    """The title of an estimate's method, and in brackets what distinguishes it from others."""
-    method = METHODS.get(estimate.method)
-    if method is None:
-        return estimate.method
-    said = [method.variant(estimate.settings)] if method.variant else []
-    said += [_brief(estimate.model)] if with_model and estimate.model != PAPER else []
-    said += ["stopped"] if estimate.outcome is Outcome.STOPPED else []
-    return f"{method.title} ({', '.join(said)})" if said else method.title
-
-
-def _brief(key: str) -> str:
-    """A model as a few words beside a method's name: a CTHP by the terms that it has beside."""
-    model = FOLLOWING[key]
-    beside = [parameter.symbol for parameter in model.parameters if parameter.name in model.terms]
-    return f"with {joined(beside)}" if beside and model.is_cthp else model.title
-
-
 # The parameters of one estimate
 
 
-def parameter_table(result: Result) -> Table:
+def tables_of(description: Description) -> dict[str, Table]:
+    """Every table of one estimate by its name; those of single windows are numbered by rows."""
+    tables = {"parameters": parameter_table(description), "errors": errors_table(description)}
+    for k, row in enumerate(description.rows):
+        if len(row.windows) > 1:
+            tables[f"windows_{k + 1}"] = windows_table(description, k)
+    return tables
+
+
+@view
+def parameter_table(description: Description) -> Table:
     """One row a follower, or one for all that share their parameters.
 
     The columns are time gaps in equilibrium and the model's parameters; where there is a posterior
     they have intervals, and the last column is that of the time gap in a further window.
     """
-    estimate, info = result.estimate, result.info
-    numbers, last = parameter_rows(info, estimate.case), estimate.stated_speed
-    followers, level = range(len(numbers)), estimate.level
+    rows, estimate = description.rows, description.estimate
+    level, last = estimate.level, estimate.stated_speed
     known = f" ({100 * level:.0f} % interval)" if level else ""
     gaps, own = f"Time gap{known}", f"Parameters{known}"
     at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
-    filled: list[Filled] = [(Column("Follower"), row_labels(info, numbers))]
-    for speed in SPEEDS:
-        spans = [(estimate.time_gap(speed, k), estimate.is_driven(speed, k)) for k in followers]
-        filled.append((gap_column(speed, gaps, "at"), [gap_cell(*pair) for pair in spans]))
-    medians = [estimate.time_gap(float(estimate.speeds[k]), k) for k in followers]
-    filled.append((at_median, [gap_cell(span) for span in medians]))
-    unknown = [_undetermined(estimate, number) for number in numbers]
-    for name, column in columns_of(estimate.model).items():
-        cells = [
-            UNDETERMINED if column.title in unknown[k] else _parameter_cell(estimate, name, k)
-            for k in followers
-        ]
-        filled.append((replace(column, group=own), cells))
+    filled: list[Filled] = [
+        (Column("Follower"), [row_label(description.info, row.number) for row in rows]),
+        *((gap_column(speed, gaps, "at"), [cell_of(row.gaps[speed]) for row in rows])
+          for speed in SPEEDS),
+        (at_median, [cell_of(Value(row.at_median[0][2])) for row in rows]),
+        *((replace(column, group=own), [cell_of(row.known[1][name]) for row in rows])
+          for name, column in columns_of(estimate.model).items()),
+    ]  # fmt: skip
     if level:
-        further = [estimate.time_gap(last, k) for k in followers]
+        ends = [row.known[0].span for row in rows]
         column = gap_column(last, f"Further window ({100 * level:.0f} %)", key="further_")
-        filled.append((column, [Range(s.further_lower, s.further_upper) for s in further]))
+        filled.append((column, [Range(span.further_lower, span.further_upper) for span in ends]))
     return Table.of(
-        f"{estimate.spec.in_words} by {name_of(estimate, with_model=False)},"
-        f" {where(info, estimate.case, result.infos)}",
-        filled,
+        f"{estimate.spec.in_words} by {description.method}, {description.where}", filled
     )
 
 
@@ -129,40 +119,17 @@ def gap_column(
     return Column(f"{title} {at} km/h", "s", 2, group, key=f"{key}time_gap_at_{at}_kmh_s")
 
 
-def gap_cell(span: Span, is_driven: bool = True) -> Cell:
-    """A time gap, with its interval where there is one, marked where no window holds its speed."""
-    shown = _known(span)
-    return shown if is_driven or isnan(span.value) else Marked(shown, EXTRAPOLATED)
-
-
-def _known(span: Quantity) -> float | Quantity:
-    """A value with its interval, or alone where there is none."""
-    return span.value if isnan(span.lower) else span
-
-
-def _parameter_cell(estimate: Estimate, name: str, follower: int) -> Cell:
-    """One parameter of one follower (0 for the first)."""
-    span, fixed = estimate.span(name, follower), dict(estimate.spec.fixed)
-    if name in fixed:
+def cell_of(value: Value) -> Cell:
+    """A value with its interval, or alone where there is none; marked where that is to be known."""
+    span, note = value.span, value.note
+    if note == UNDETERMINED:
+        return UNDETERMINED
+    if note == FIXED:
         return Quantity(span.value, span.value, span.value)
-    return _known(span) if isnan(span.lower) else _marked_at_least(estimate.model, name, span)
-
-
-def _undetermined(estimate: Estimate, number: int) -> set[str]:
-    """Symbols of a vehicle's parameters that the data do not determine; 0 for all followers."""
-    findings = [found for found in estimate.findings if isinstance(found, Undetermined)]
-    return {symbol for f in findings if f.vehicle in (0, number) for symbol in f.symbols}
-
-
-def _marked_at_least(model: str, name: str, cell: Quantity) -> Cell:
-    """A parameter with its interval; a lag or delay at the least that is sought has a mark."""
-    if name not in ("lag", "delay") or not cell.lower < cell.upper:
+    cell = span.value if isnan(span.lower) else span
+    if isnan(span.value) or not note:
         return cell
-    if FOLLOWING[model].is_cthp:
-        least = EXTRA["lag" if name == "lag" else "delay"].lower
-    else:
-        least = next(p.lower for p in FOLLOWING[model].parameters if p.name == name)
-    return Marked(cell, LEAST, "†") if cell.value <= least + 1e-9 else cell
+    return Marked(cell, note, "†" if note == LEAST else "*")
 
 
 def _with_legend(caption: str, filled: Sequence[Filled]) -> Table:
@@ -172,47 +139,38 @@ def _with_legend(caption: str, filled: Sequence[Filled]) -> Table:
     return Table.of(f"{caption} (†: {LEAST})" if is_marked else caption, filled)
 
 
-def windows_table(result: Result, follower: int) -> Table:
+@view
+def windows_table(description: Description, follower: int) -> Table:
     """One row a window: what it alone says of one follower (0 for the first); below, all of them.
 
     It is for an estimate that has its windows' own values.
     """
-    estimate, info, known = result.estimate, result.info, result.posterior
-    windows, speed, level = estimate.windows, estimate.stated_speed, estimate.level
-    assert windows is not None  # as the caller knows
-    values = time_gap(estimate.model, windows, speed)[:, follower].tolist()
-    gaps = interval_cells(values, *known.windows_gap[:, :, follower]) if known else values
-    group = f"Parameters ({100 * level:.0f} % interval)" if level else "Parameters"
+    row, estimate = description.row(follower), description.estimate
+    known = f" ({100 * estimate.level:.0f} % interval)" if estimate.level else ""
+    every = [*row.windows, row.known]
     filled: list[Filled] = [
-        (Column("Window"), [*(str(part.window) for part in result.infos), ALL_WINDOWS]),
-        (gap_column(speed), [*gaps, gap_cell(estimate.time_gap(speed, follower))]),
-    ]
-    parts = (windows, known.windows_lower, known.windows_upper) if known else (windows,)
-    number = parameter_rows(info, estimate.case)[follower]
-    for name, column in columns_of(estimate.model).items():
-        of = (value_of(estimate.model, part, name)[:, follower].tolist() for part in parts)
-        cells: list[Cell] = [
-            _marked_at_least(estimate.model, name, Quantity(*row)) if known else row[0]
-            for row in zip(*of, strict=True)
-        ]
-        cells.append(_parameter_cell(estimate, name, follower))
-        if column.title in _undetermined(estimate, number):
-            cells = [UNDETERMINED] * len(cells)
-        filled.append((replace(column, group=group), cells))
-    (label,) = row_labels(info, (number,))
-    return _with_legend(f"{label}: {estimate.spec.in_words}, each window alone, and all", filled)
+        (Column("Window"), [*(str(part.window) for part in description.infos), ALL_WINDOWS]),
+        (gap_column(estimate.stated_speed), [cell_of(gap) for gap, _ in every]),
+        *((replace(column, group=f"Parameters{known}"),
+           [cell_of(own[name]) for _, own in every])
+          for name, column in columns_of(estimate.model).items()),
+    ]  # fmt: skip
+    label = row_label(description.info, row.number)
+    caption = f"{label}: {estimate.spec.in_words}, each window alone, and all"
+    return _with_legend(caption, filled)
 
 
-def errors_table(result: Result) -> Table:
+@view
+def errors_table(description: Description) -> Table:
     """One row a vehicle, leader first: who drives, mean time gap, and errors of both kinds.
 
     The leader of the closed-loop simulation is given, so it has no error.
     """
-    info, estimate, evaluation = result.info, result.estimate, result.evaluation
-    columns: list[Filled] = [(Column("Vehicle"), info.labels)]
-    columns += [(c, [None, *cells]) for c, cells in driver_cells(by_hand(info))]
-    columns.append((Column("Mean time gap", "s", 2), [None, *result.mean_time_gaps.tolist()]))
-    absent = info.followers * [None]
+    evaluation, hand = description.evaluation, description.vehicles.vehicles.by_hand
+    columns: list[Filled] = [(Column("Vehicle"), description.info.labels)]
+    columns += [(c, [None, *cells]) for c, cells in driver_cells(hand)]
+    columns.append((Column("Mean time gap", "s", 2), [None, *description.mean_time_gaps.tolist()]))
+    absent = description.info.followers * [None]
     for group, errors, digits in (
         ("Surrogate fit, MAE", evaluation.surrogate, 3),
         ("Closed-loop simulation, MAE", evaluation.closed_loop, 2),
@@ -221,7 +179,7 @@ def errors_table(result: Result) -> Table:
         gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
         columns.append((Column("p", "m", digits, group), [None, *gaps]))
         columns.append((Column("v", "m/s", 3, group), [leader, *speeds]))
-    return Table.of(f"{name_of(estimate)}, {where(info, estimate.case, result.infos)}", columns)
+    return Table.of(f"{description.made}, {description.where}", columns)
 
 
 def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:
@@ -234,14 +192,9 @@ def _driver(share: float) -> str:
     return "Human" if share > ALL_OF_IT else f"Human {100 * share:.0f} %"
 
 
-def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
-    """The vehicle of each set of parameters: the followers, or 0 alone for all that share one."""
-    return (0,) if info.shares(case) else info.vehicles[1:]
-
-
-def row_labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
-    """The labels of vehicles; 0 stands for all followers."""
-    return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
+def row_label(info: SegmentInfo, number: int) -> str:
+    """The label of a vehicle; 0 stands for all followers."""
+    return info.label(number) if number else EVERY_FOLLOWER
 
 
 # Columns of parameters
@@ -345,10 +298,10 @@ def methods_table(
     known, speed = recommended.uncertainty if recommended else None, found[0].stated_speed
     gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
     if known:
-        gaps[0] = gap_cell(found[0].time_gap(speed, follower))
+        gaps[0] = cell_of(Value(found[0].time_gap(speed, follower)))
     filled: list[Filled] = [
         (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
-        (MODEL, [_brief(estimate.model) for estimate in found]),
+        (MODEL, [brief(estimate.model) for estimate in found]),
         (gap_column(speed), gaps),
     ]
     sets = Parameters.stack(estimate.parameters[follower] for estimate in found)
@@ -402,9 +355,10 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
         name, cells = column.key, list[Cell]()
         for form in forms:
             sets = (form.parameters, form.lower, form.upper)
-            of = Quantity(*(float(value_of(form.form, part[follower], name)) for part in sets))
-            has_it = name in FOLLOWING[form.form].names
-            cells.append(_marked_at_least(form.form, name, of) if has_it else None)
+            of = [float(value_of(form.form, part[follower], name)) for part in sets]
+            span = Span(*[*of, nan, nan])
+            value = Value(span, LEAST * is_least(form.form, name, span))
+            cells.append(cell_of(value) if name in FOLLOWING[form.form].names else None)
         filled.append((replace(column, group=group), cells))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),

@@ -10,20 +10,20 @@ import msgspec
 import streamlit as st
 
 from accpinn.findings import capital
-from accpinn.methods.estimate import History, Outcome, of_window
+from accpinn.methods.estimate import History, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
+from accpinn.results import reproduction as paper
+from accpinn.results.description import Description, describe
 from accpinn.results.documents import parameter_card
 from accpinn.results.figures import training as figures
-from accpinn.results.figures.comparison import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
-from accpinn.results.messages import incidents, messages, summary
 from accpinn.results.report import bundle
+from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
-from pages.ui import reproduction
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.session.resources import library, windows_in_car_following
@@ -56,70 +56,95 @@ def show_result(
     ``snapshot`` makes the result as a snapshot, once it is asked for; ``next_step`` draws what
     leads on; ``more`` are further tabs by title.
     """
-    info, estimate = result.info, result.estimate
-    is_open = result.recording is workspace.recording
-    is_same = is_open and info.vehicles == workspace.asked.vehicles
-    truth = workspace.true_parameters if is_same else None
+    truth = _true_parameters(workspace, result)
+    description = describe(result)
+    estimate = description.estimate
+    info = description.info
+    sheets = tables.tables_of(description)
+    parameters = sheets["parameters"]
+    cards = words.cards(description, together=True)
+    checks = words.checks(description)
+    about = words.about_estimate(description)
+    true = words.about_truth(truth, estimate) if truth else ""
     _show_outcome(estimate.outcome)
-    show_cards(result)
+    _show_cards(cards)
     if next_step:
         next_step()
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, info.labels[1:], f"{page}_follower")
-        windows = [str(part.window) for part in result.infos]
+        windows = [str(part.window) for part in description.infos]
         window = pick(workspace, windows, f"{page}_window", label="Window")
-        _show_checks(result)
-    _show_tracking(result, follower, window, f"{page}_tracking")
+        _show_checks(checks)
+    curves = figures.curves_of(result, follower, window)
+    drive = figures.drive(curves, height=CURVES + 120 * (curves.disturbance is not None))
+    colours = vehicle_colours(info.vehicles, [row.number for row in description.rows])
+    show.chart(drive, f"{page}_tracking")
+    show.caption(curves.about)
     views: dict[str, Callable[[], None]] = {
-        "Numbers": lambda: _show_numbers(result, truth),
-        "Errors": lambda: _show_errors(result, follower),
+        "Numbers": lambda: _show_numbers(
+            result, description, parameters.coloured(colours), about, true
+        ),
+        "Errors": lambda: _show_errors(result, description, sheets["errors"], follower),
     }
     if history := result.history:
-        views["Training"] = lambda: _show_history(result, history, truth, page)
-    if estimate.windows is not None:
-        views["Windows"] = lambda: _show_windows(workspace, result, follower)
+        views["Training"] = lambda: _show_history(description, history, truth, page)
+    if description.row(follower).windows:
+        views["Windows"] = lambda: _show_windows(workspace, description, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
-        "Export": lambda: _show_export(result, page, snapshot),
+        "Export": lambda: _show_export(result, parameters, page, snapshot),
     })  # fmt: skip
+
+
+def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
+    """Those that the recording of a result was made with, where it is open and synthetic."""
+    is_open = result.recording is workspace.recording
+    is_same = is_open and result.info.vehicles == workspace.asked.vehicles
+    return workspace.true_parameters if is_same else None
 
 
 def show_cards(result: Result) -> None:
     """What is said first: what each car does, what is against it, and on hovering all of that."""
-    fine = [trust.in_words for trust in result.trust if not trust.is_contradicted]
+    _show_cards(words.cards(describe(result), together=True))
+
+
+def _show_cards(cards: Sequence[words.Card]) -> None:
     with st.container(border=True, gap="xxsmall"):
-        for card in words.cards(result, together=True):
-            said = f"**{escape_markdown(card.lead)}**"
-            if card.is_contradicted:
-                ends = (text for text in fine if card.trust.endswith(text))
-                against = escape_markdown(card.trust.removesuffix(next(ends, "")).strip())
-                said += f"  \n:orange[:material/warning:] :small[{against}]"
-            st.markdown(said, help=escape_markdown(card.trust))
+        for card in cards:
+            lead, against, trust = map(escape_markdown, (card.lead, card.against, card.trust))
+            doubt = f"  \n:orange[:material/warning:] :small[{against}]" if against else ""
+            st.markdown(f"**{lead}**{doubt}", help=trust)
 
 
-def _show_numbers(result: Result, truth: Parameters | None) -> None:
+def _show_numbers(
+    result: Result, description: Description, table: Table, about: str, true: str
+) -> None:
     """The parameters, beside those that are printed where the paper took the same data."""
-    info, estimate = result.info, result.estimate
-    if not reproduction.show_table(result):
-        colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, estimate.case))
-        show.table(tables.parameter_table(result), colours)
-    level = f"{100 * (estimate.level or 0):.0f} % intervals"
-    what = capital(words.about_point(estimate) or f"{level}, and that of a further window")
-    st.caption(escape_markdown(f"{what}."), help=escape_markdown(words.about_estimate(result)))
-    if truth:
-        st.caption(escape_markdown(words.about_truth(truth, estimate)))
+    level = description.estimate.level
+    if beside := paper.beside_printed(result):
+        item, printed, line = beside
+        st.markdown(f"**{item.title}** · {escape_markdown(item.subject)}")
+        show.table(printed)
+        st.caption(escape_markdown(line), help=show.bullets(paper.inconsistencies()))
+    else:
+        show.table(table)
+    intervals = f"{100 * (level or 0):.0f} % intervals, and that of a further window"
+    show.caption(f"{capital(description.point or intervals)}.", about)
+    if true:
+        show.caption(true)
 
 
-def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
+def _show_windows(workspace: Workspace, description: Description, follower: int) -> None:
     """The estimates of each window by itself, over the recording's time."""
-    colour = vehicle_colours(result.info.vehicles)[follower + 1]
-    if result.posterior:
-        show.chart(forest(result, follower, colour), "windows_forest")
+    table, estimate = tables.windows_table(description, follower), description.estimate
+    if estimate.posterior:
+        forest = figures.forest(description, follower)
+        show.chart(forest, "windows_forest")
         st.caption(
-            f"Time gap at {3.6 * result.estimate.stated_speed:.0f} km/h of each window alone. Line:"
-            " all windows together, with the interval; outer band: of a further window."
+            f"Time gap at {3.6 * estimate.stated_speed:.0f} km/h of each window alone. Line: all"
+            " windows together, with the interval; outer band: of a further window."
         )
     _choose_windows(workspace)
-    show.table(tables.windows_table(result, follower))
+    show.table(table)
 
 
 def _choose_windows(workspace: Workspace) -> None:
@@ -147,13 +172,12 @@ def _show_outcome(outcome: Outcome) -> None:
         st.warning(outcome.value, icon=":material/pause_circle:")
 
 
-def _show_checks(result: Result) -> None:
-    answers = summary.checks(result)
-    failing = sum(check.passed is False for check in answers)
+def _show_checks(checks: Sequence[words.Check]) -> None:
+    failing = sum(check.passed is False for check in checks)
     colour, icon = MARKS[not failing]
-    said = f"{failing} of {len(answers)} checks failed" if failing else "All checks passed"
+    said = f"{failing} of {len(checks)} checks failed" if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
-        for check in answers:
+        for check in checks:
             colour, icon = MARKS[check.passed]
             title = f"{check.title}: {ANSWERS[check.passed]}"
             st.markdown(f":{colour}[:material/{icon}:] **{title}**", help=check.meaning)
@@ -161,56 +185,46 @@ def _show_checks(result: Result) -> None:
                 st.caption(show.bullets(check.why))
 
 
-def _show_errors(result: Result, follower: int) -> None:
+def _show_errors(result: Result, description: Description, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the estimate should be read with."""
-    info, estimate = result.info, result.estimate
-    table = tables.errors_table(result)
-    show.table(table, vehicle_colours(info.vehicles))
-    took = (
-        f"{estimate.seconds:.1f} s"
-        if estimate.seconds < 60
-        else show.format_duration(estimate.seconds)
-    )
+    estimate, info, band = description.estimate, description.info, result.gap_band
+    about = [words.about_band(estimate.model)] if band else []
+    about += words.about_curves(description, follower, band)
+    seconds = estimate.seconds
+    took = f"{seconds:.1f} s" if seconds < 60 else show.format_duration(seconds)
     weights = f", {estimate.network_weights:,} network weights" * bool(estimate.network_weights)
     cache = " From the cache: this exact request was trained before." if estimate.cached else ""
+    show.table(table, vehicle_colours(info.vehicles))
     st.caption(
         "MAE: mean absolute error of space-gap p and speed v; of the method's own curves, and of"
         " the simulation behind the measured leader."
         f" {estimate.iterations:,} iterations in {took}{weights}.{cache}"
     )
-    if events := incidents(result.evaluation, info):
-        show.warnings(events, "the closed-loop simulation")
-    show.messages(messages(result.weaknesses, info), "warning")
-    show.messages(messages(result.findings, info))
-    band = result.gap_band
-    said = [summary.about_band(result)] if band else []
-    if said := [*said, *summary.about_curves(result, follower, band)]:
-        st.caption(escape_markdown(" ".join(said)))
+    show.warnings(description.events, "the closed-loop simulation")
+    show.messages(description.weaknesses, "warning")
+    show.messages(description.findings)
+    if about:
+        show.caption(" ".join(about))
     show.downloads(table, f"{Path(info.source).stem}_errors", "errors")
 
 
-def _show_tracking(result: Result, follower: int, window: int, key: str) -> None:
-    """One follower's curves in one window, with the band that the posterior predicts."""
-    has_disturbance = "disturbance" in of_window(result.estimate.arrays, window)
-    height = CURVES + 120 * has_disturbance
-    show.chart(figures.tracking_of(result, follower, window, height=height), key)
-    st.caption(escape_markdown(summary.about_tracking(result, window)))
-
-
-def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
-    info, model = result.info, result.estimate.model
-    has_truth = truth is not None and has_terms_of(model, truth)
-    show.follower_key(info, has_truth, info.shares(result.estimate.case))
+def _show_history(
+    description: Description, history: History, truth: Parameters | None, page: str
+) -> None:
+    info, estimate = description.info, description.estimate
+    drawn = figures.training_figures(history, info, estimate.model, truth)
+    has_truth = truth is not None and has_terms_of(estimate.model, truth)
+    show.follower_key(info, has_truth, info.shares(estimate.case))
     if history.deviations is not None:
         st.caption(BANDS)
-    show.charts([*figures.training_figures(history, info, model, truth).items()], page)
+    show.charts([*drawn.items()], page)
 
 
-def _show_export(result: Result, page: str, snapshot: Callable[[], Result]) -> None:
+def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
     """The table of parameters, draws, the card, and all else in one file."""
     stem = Path(result.info.source).stem
     with st.container(horizontal=True):
-        show.downloads(tables.parameter_table(result), f"{stem}_parameters", page)
+        show.downloads(table, f"{stem}_parameters", page)
         st.download_button(
             "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
             key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",

@@ -83,6 +83,11 @@ def messages(
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
 
 
+def caption(text: str, about: str = "") -> None:
+    """Text in small print, and more about it on hovering, both shown literally."""
+    st.caption(escape_markdown(text), help=escape_markdown(about) or None)
+
+
 def cautions(sentences: Sequence[str]) -> None:
     """Sentences in small print, each with a mark."""
     for said in sentences:

@@ -94,7 +94,6 @@ PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
     "animation.animation": lambda: animation.animation(*simulated(True)),
-    "comparison.forest": lambda: comparison.forest(known(), 0, COLOUR),
     "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
         [(NAME, point().parameters.values[0])], COLOUR, comparison.row_of(known(), 0, 20.0)
@@ -136,9 +135,11 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "training.loss_history": lambda: on_training.loss_history(history()),
     "training.parameter_history": lambda: on_training.parameter_history(history(), 0, RUN_INFO),
-    "training.tracking": lambda: on_training.tracking(
-        SEGMENT, 1, point().curves[0], None, NAME, with_error=True
+    "training.drive": lambda: on_training.drive(
+        on_training.curves_in(SEGMENT, 1, point().curves[0], None, NAME)
     ),
+    "training.forest": lambda: on_training.forest(known(), 0),
+    "training.tracking": lambda: on_training.tracking(SEGMENT, 1, point().curves[0], None, NAME),
     "training.tracking_of": lambda: on_training.tracking_of(known(), 1),
 }  # fmt: skip
 RUN_INFO = replace(SEGMENT.info, names=(NAME,) * 3, vehicles=(1, 2, 3))

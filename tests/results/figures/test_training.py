@@ -9,7 +9,7 @@ from accpinn.methods.estimate import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import training
-from accpinn.results.figures.training import SIMULATION
+from accpinn.results.figures.training import SIMULATION, curves_in
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.cut import cut
 from tests.support.figures import named, names
@@ -91,7 +91,7 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
 def test_tracking_shows_data_network_and_simulation() -> None:
     curves = Trajectories(SEGMENT.time, SEGMENT.speeds + 1, SEGMENT.gaps + 1)
     alone = Trajectories(SEGMENT.time, SEGMENT.speeds[:, 1:] + 2, SEGMENT.gaps[:, 1:] + 2)
-    figure = training.tracking(SEGMENT, 1, curves, alone, with_error=True)
+    figure = training.drive(curves_in(SEGMENT, 1, curves, alone))
     assert names(figure) == [*2 * ["data"], *3 * ["network"], *3 * [SIMULATION]]
     np.testing.assert_array_equal(figure.data[0].y, SEGMENT.gaps[:, 1])
     np.testing.assert_array_equal(figure.data[2].y, SEGMENT.gaps[:, 1] + 1)
@@ -131,8 +131,8 @@ def test_tracking_runs_in_the_recordings_time_and_marks_a_collision() -> None:
     gaps = SEGMENT.gaps[:, :1].copy()
     gaps[100:] = -1.0
     colliding = Trajectories(SEGMENT.time, SEGMENT.speeds[:, :2], gaps)
-    assert "collision" not in names(training.tracking(later, 0, with_error=True))
-    figure = training.tracking(later, 0, None, colliding, with_error=True)
+    assert "collision" not in names(training.drive(curves_in(later, 0)))
+    figure = training.drive(curves_in(later, 0, None, colliding))
     mark = named(figure, "collision")
     assert (mark.x[0], mark.y[0]) == (320.0 + SEGMENT.time[100], 0.0)
     assert any(shape.y0 == shape.y1 == 0 for shape in figure.layout.shapes)
