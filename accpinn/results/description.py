@@ -151,7 +151,7 @@ def _row(
 ) -> Row:  # fmt: skip
     estimate, first = result.estimate, places[0]
     model, speed = estimate.model, trust.speed
-    doubts = (*_against(result, places), *against)
+    warnings = (*_against(result, places), *against)
     gaps = {
         at: Value(estimate.time_gap(at, first), EXTRAPOLATED * (not estimate.is_driven(at, first)))
         for at in SPEEDS
@@ -167,7 +167,7 @@ def _row(
     return Row(
         trust.vehicle, places, known, tuple(windows), gaps,
         tuple(estimate.gains_and_gap(k) for k in places),
-        not isnan(gap.lower if estimate.posterior else gap.value), trust, doubts,
+        not isnan(gap.lower if estimate.posterior else gap.value), trust, warnings,
         disturbance.sentence(result.info) if disturbance else "",
     )  # fmt: skip
 

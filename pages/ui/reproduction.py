@@ -16,7 +16,6 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import PAPER
 from accpinn.results import reproduction as paper
-from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
@@ -64,28 +63,6 @@ def table_buttons(workspace: Workspace, place: str) -> None:
             item.title, icon=":material/article:", key=f"{place}_{_key(item)}", on_click=take,
             help=f"Chooses what the paper took: {run}. Start training then gives its table.",
         )  # fmt: skip
-
-
-def show_table(result: Result) -> bool:
-    """A result of what a table takes, beside what is printed; whether it is one."""
-    asked = result.analysis
-    made = asked.settings.get("preset"), asked.spec.model
-    campaign = result.facts.get("campaign")
-    took = (result.info.source, asked.windows, asked.vehicles)
-    for item, run in TABLES.items():
-        is_case = asked.case == run.case or len(run.vehicles) == 2
-        is_taken = took == (run.file, run.windows, run.vehicles) and campaign == run.campaign
-        if made not in ((run.preset, PAPER), ("paper", PAPER)) or not (is_taken and is_case):
-            continue
-        printed = item.verdicts[0]
-        learned = _rows(result.parameters, printed)
-        st.markdown(f"**{item.title}** · {escape_markdown(item.subject)}")
-        table = paper.reproduction_table(printed, learned)
-        show.table(table)
-        line, faults = paper.learned_line(printed, learned), paper.inconsistencies()
-        st.caption(escape_markdown(line), help=show.bullets(faults))
-        return True
-    return False
 
 
 def _rows(learned: Parameters, printed: paper.PrintedVerdicts) -> Parameters:

@@ -111,8 +111,8 @@ def _show_cards(cards: Sequence[words.Card]) -> None:
     with st.container(border=True, gap="xxsmall"):
         for card in cards:
             lead, against, trust = map(escape_markdown, (card.lead, card.against, card.trust))
-            doubt = f"  \n:orange[:material/warning:] :small[{against}]" if against else ""
-            st.markdown(f"**{lead}**{doubt}", help=trust)
+            warning = f"  \n:orange[:material/warning:] :small[{against}]" if against else ""
+            st.markdown(f"**{lead}**{warning}", help=trust)
 
 
 def _show_numbers(
