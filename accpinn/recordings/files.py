@@ -1,16 +1,38 @@
-"""One way to read a file, whatever it is: an OpenACC run, a table of pairs, or a mapped table."""
+"""One way to read a file, whatever it is: an OpenACC run, a table of pairs, or any other table.
+
+Any other table is read by a mapping: the one that is given, the one that was remembered for the
+same column names, or the one that is proposed, if something supports every choice of it and nothing
+in the data contradicts it. Else it is refused, and the mapping offered.
+"""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from accpinn.channels import METADATA, SPEED, TIME
+from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
-from accpinn.recordings import Recording, ValuesOutOfRange, openacc, pairs
-from accpinn.recordings import mapping as mapped
-from accpinn.recordings.mapping import CsvMapping, recall, remember
-from accpinn.recordings.source import Source, SourceFile, read_bytes
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
+from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.mapping import CsvMapping, MappingRemembered, recall, remember
+from accpinn.recordings.proposal import Proposal, proposed
+from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
+
+LONGEST_SUMMARY = 200
+"""Characters of what a sentence says about how columns were read."""
+
+
+class ColumnsProposed(Finding, frozen=True):
+    """The table was read by a mapping that nobody gave."""
+
+    text = "Columns were read as their names say: {summary}. If that is wrong, give a mapping."
+
+    choices: str
+    """Columns, roles and units."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"summary": excerpt(self.choices, LONGEST_SUMMARY)}
 
 
 def read(
@@ -19,7 +41,7 @@ def read(
     *,
     trajectory: str | None = None,
     mapping: CsvMapping | None = None,
-    is_kept: bool = True,
+    is_remembered: bool = False,
 ) -> Recording:
     """Read a recording.
 
@@ -28,12 +50,21 @@ def read(
         name: file name to show; needed for bytes only.
         trajectory: which one of a table that holds several; any pair of a platoon names it.
         mapping: which columns hold what, for a table of one's own.
-        is_kept: whether the mapping is remembered for the next file with the same column names.
+        is_remembered: whether the mapping is kept for the next file with the same column names,
+            and one that was kept is used; only if no finding contradicts it.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    return opened(source, name, mapping).read(trajectory, is_kept)
+    file = opened(source, name, mapping)
+    if not is_remembered:
+        return file.read(trajectory)
+    if file.is_unknown and (known := recall(file.names)):
+        return replace(file, mapping=known, notes=(MappingRemembered(),)).read(trajectory)
+    recording = file.read(trajectory)
+    if mapping and not contradictions(recording):
+        remember(mapping, file.names)
+    return recording
 
 
 def read_all(
@@ -47,6 +78,7 @@ def read_all(
         RecordingError: when the file as a whole cannot be read.
     """
     file = opened(source, name, mapping)
+    file = replace(file, mapping=file.supported_mapping, notes=file.read_as)
     if not any(run.trajectories for run in file.runs):
         yield file.read()
         return
@@ -57,39 +89,73 @@ def read_all(
             yield fault
 
 
+def contradictions(recording: Recording) -> tuple[Finding, ...]:
+    """The findings that say that columns or units are probably others than they were read as."""
+    return tuple(
+        finding for finding in recording.findings
+        if (isinstance(finding, Inconsistency) and finding.is_misread)
+        or (isinstance(finding, ValuesOutOfRange) and finding.is_in_another_unit)
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class File:
     """A file, and how it is read."""
 
     content: SourceFile
     layout: Layout | None = None
-    """None where it is no table, or where a mapping is given."""
+    """None where it is no table but an OpenACC run."""
     mapping: CsvMapping | None = None
-    """The given one, or the one remembered for the table's columns."""
-    is_remembered: bool = False
-    """Whether the mapping was not given but remembered."""
+    """The one that it is read by; None for an OpenACC run and a table of pairs."""
+    notes: tuple[Finding, ...] = ()
+    """How the mapping came about."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the table's columns."""
+        return (self.layout or layout_of(self.content)).names
 
     @property
     def is_pair_table(self) -> bool:
         """Whether it is a table of leader-follower pairs."""
-        return self.layout is not None and pairs.is_pair_table(self.layout)
+        return self.layout is not None and not self.mapping and pairs.is_pair_table(self.layout)
 
     @property
     def is_unknown(self) -> bool:
-        """Whether it is a table of no known layout, which a mapping could serve.
+        """Whether it is a table that only a mapping can serve, and none is given.
 
         A run begins with its time, as tables of one's own do, and has numbered vehicles.
         """
-        if self.layout is None or self.mapping or self.is_pair_table:
-            return False
-        has_vehicles = openacc.numbered(self.layout, SPEED)
-        return not has_vehicles or _first_cell(self.content) != TIME.column.lower()
+        return self.layout is not None and not self.mapping and not self.is_pair_table
+
+    @cached_property
+    def proposal(self) -> Proposal:
+        """What the columns are taken for.
+
+        Raises:
+            RecordingError: where the rows cannot be split into cells.
+        """
+        return proposed(self.content, self.layout or layout_of(self.content))
+
+    @property
+    def supported_mapping(self) -> CsvMapping | None:
+        """The mapping to read by, or the one proposed where something supports all of it."""
+        if self.is_unknown and self.proposal.is_supported:
+            return self.proposal.mapping
+        return self.mapping
+
+    @property
+    def read_as(self) -> tuple[Finding, ...]:
+        """How the mapping to read by came about."""
+        if self.is_unknown and self.proposal.is_supported:
+            return (*self.notes, ColumnsProposed(self.proposal.summary))
+        return self.notes
 
     @cached_property
     def runs(self) -> tuple[TableRun, ...]:
         """The runs of a table of pairs, or of one with a mapping; none of any other file."""
         if self.mapping:
-            return mapped.runs_of(self.content, self.mapping, self.is_remembered)
+            return mapped.runs_of(self.content, self.mapping, self.layout, self.notes)
         if self.layout and self.is_pair_table:
             return pairs.runs_of(self.content, self.layout)
         return ()
@@ -100,31 +166,36 @@ class File:
         several = self.runs if len(self.runs) > 1 else ()
         return tuple((run.trajectories[0], run.vehicles) for run in several)
 
-    def read(self, trajectory: str | None = None, is_kept: bool = True) -> Recording:
-        """The recording of a trajectory, or the only one; a given mapping may be remembered."""
-        if trajectory is not None and not self.runs and not self.is_unknown:
+    def read(self, trajectory: str | None = None) -> Recording:
+        """The recording of a trajectory, or the only one.
+
+        Raises:
+            RecordingError: for a table without a mapping, whose proposal is not supported or
+                contradicts the data, and for anything wrong with the file.
+        """
+        if self.is_unknown:
+            return self._read_as_proposed(trajectory)
+        if trajectory is not None and not self.runs:
             fault = "an OpenACC file is one run, without trajectories"
             raise self.content.refusal(fault, "leave the trajectory out")
         kind = "trajectories" if self.mapping else "platoons"
         run = choose_run(self.content, self.runs, trajectory, kind) if self.runs else None
-        try:
-            recording = run.read() if run else openacc.read(self.content)
-        except RecordingError as fault:
-            cure = "name its columns"
-            if self.mapping and self.is_remembered:
-                cure = "map its columns again, which were read as those of an earlier file"
-            elif not self.is_unknown:
-                raise
-            sentence = str(fault).removesuffix(".")
-            raise RecordingError(
-                f"{sentence}, or {cure}: on page Data, by --mapping, in Python by mapping=."
-            ) from fault
-        is_sound = not any(
-            isinstance(found, ValuesOutOfRange) and found.is_in_another_unit
-            for found in recording.findings
-        )  # else units are probably wrong, and they would be for the next file, too
-        if self.mapping and is_kept and is_sound and not self.is_remembered:
-            remember(self.mapping, layout_of(self.content).names)
+        return run.read() if run else openacc.read(self.content)
+
+    def _read_as_proposed(self, trajectory: str | None) -> Recording:
+        offer = (
+            "name the columns on the page Home, or print the proposed mapping by info --propose,"
+            " correct it and give it by --mapping, in Python by mapping="
+        )
+        if not self.proposal.is_supported:
+            question = excerpt(self.proposal.undecided[0].rstrip("."), 120)
+            fault = f"its columns do not say all that is needed ({question})"
+            raise self.content.refusal(fault, offer)
+        file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
+        recording = file.read(trajectory)
+        if against := contradictions(recording):
+            sentence = excerpt(against[0].sentence(recording).rstrip("."), 240)
+            raise self.content.refusal(sentence, offer)
         return recording
 
 
@@ -132,17 +203,22 @@ def opened(source: Source, name: str | None = None, mapping: CsvMapping | None =
     """A file, and how it is read; a given mapping counts, whatever the file is.
 
     Raises:
-        RecordingError: when the file is no text at all.
+        RecordingError: when the file is no text at all, or cannot be unpacked.
     """
     content = read_bytes(source, name)
-    if mapping or _first_cell(content) in {key.lower() for key in METADATA}:
-        return File(content, mapping=mapping)
+    if mapping:
+        return File(content, layout_of(content), mapping)
+    if _first_cell(content) in {key.lower() for key in METADATA}:
+        return File(content)
     try:
         layout = layout_of(content)
     except RecordingError:
+        if _first_cell(content) == TIME.column.lower() or openacc.accompanies_runs(content):
+            return File(content)  # whose own sentence says more
+        raise
+    if openacc.is_run(layout):
         return File(content)
-    known = None if pairs.is_pair_table(layout) else recall(layout.names)
-    return File(content, layout, known, is_remembered=True)
+    return File(content, layout)
 
 
 def _first_cell(content: SourceFile) -> str:

@@ -1,50 +1,64 @@
-"""Any table of a platoon: a mapping says which columns hold what, and in which units.
+"""A mapping: which columns of a table hold what, in which units.
 
     {"time": {"column": "t", "unit": "ms"},
-     "speeds": [{"column": "v1", "unit": "km/h", "name": "Leader"}, {"column": "v2"}],
+     "speeds": [{"column": "v1", "unit": "km/h", "name": "Leader", "shift": -1.0}, {"column": "v2"}],
      "gaps": [{"column": "range", "unit": "ft", "subtract": 4.5}],
      "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}
 
-Speeds are listed leader first, and a gap for each follower. Instead of ``time`` a mapping may give
-``sample_time`` in s. A mapping is remembered by the names of the columns, so that the next file
-with the same ones is read alike.
+Speeds are listed leader first, and a gap for each follower. What else can be said:
+
+    "time": {"column": "clock", "unit": "clock", "date": "day"}   date and time in two columns
+    "time": {"column": "frame", "unit": "frame"}, "sample_time": 0.04     a counter of frames
+    "sample_time": 0.1                            even steps, in place of "time"
+    {"column": "dv", "relative_to": 2}            a speed relative to that of vehicle 2
+    {.., "reversed": true}                        the sign is the other one, of speed or gap
+    {"column": "p1", "minus": "p2", "subtract": "length"}    a gap between two positions
+    "by": {"vehicle": "id", "leader": "leader_id"}           one row a vehicle and instant
+    "by": {"vehicle": "id", "lane": "lane", "position": "x"}
+    "trajectory": "run"                           the column that tells several runs apart
+
+With ``by`` one speed and one gap are named, which are those of the row's vehicle; of a gap between
+positions ``column`` and ``minus`` are then the same column, and a length is that of the vehicle
+ahead. A column that has no name is called "column 1", "column 2", ..
 """
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
+from accpinn.channels import MAX_VEHICLES
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings import Mode, Recording
-from accpinn.recordings.source import SourceFile, excerpt
-from accpinn.recordings.tables import Columns, TableRun, layout_of, read_columns
+from accpinn.recordings.clocks import FORMS
+from accpinn.recordings.source import excerpt
 from accpinn.storage import folder, reported, write_whole
-from accpinn.units import FloatArray, Metres, Seconds
+from accpinn.units import Metres, Seconds
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+FRAME = "frame"
+"""Unit of a counter of frames, which are `CsvMapping.sample_time` apart."""
+TIME_UNITS = (*FORMS, FRAME)
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
-GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
+GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "ft": 0.3048}
 """Units of each quantity, in the package's own."""
+LONGEST_SHIFT: Seconds = 60.0
 
 
-class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The column of time."""
 
     column: str
     unit: str = "s"
-    """A key of `TIME_UNITS`."""
+    """One of `TIME_UNITS`."""
+    date: str = ""
+    """The column of the date, where it is not in the same one."""
 
 
-class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The column of a vehicle's speed."""
 
     column: str
@@ -52,16 +66,30 @@ class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A key of `SPEED_UNITS`."""
     name: str = ""
     """Name of the vehicle, as make and model."""
+    relative_to: int = 0
+    """Number of the vehicle to whose speed the column is to be added; 0 for a speed of its own."""
+    reversed: bool = False
+    """Whether the column has the other sign."""
+    shift: Seconds = 0.0
+    """Seconds to add to the column's times, as its logger's clock was wrong by as much."""
 
 
-class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The column of the space-gap in front of a follower."""
+class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The column of the space-gap in front of a follower, or the columns of two positions."""
 
     column: str
+    """The gap's, or where `minus` is given that of the position of the vehicle ahead."""
     unit: str = "m"
-    """A key of `GAP_UNITS`."""
-    subtract: Metres = 0.0
-    """Length of the vehicle ahead in m, where the column holds a distance of positions."""
+    """A key of `GAP_UNITS`, also of the positions and of a column of lengths."""
+    subtract: Metres | str = 0.0
+    """Length of the vehicle ahead in m, or its column, where the column holds a distance of
+    positions."""
+    minus: str = ""
+    """The column of the follower's own position."""
+    reversed: bool = False
+    """Whether the difference has the other sign."""
+    shift: Seconds = 0.0
+    """Seconds to add to the column's times."""
 
 
 class MappingRemembered(Finding, frozen=True):
@@ -73,7 +101,7 @@ class MappingRemembered(Finding, frozen=True):
     )
 
 
-class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The column that says who controls a vehicle."""
 
     vehicle: int
@@ -85,19 +113,33 @@ class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Words for manual driving."""
 
 
-class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ByVehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The columns that tell vehicles apart in a table of one row a vehicle and instant."""
+
+    vehicle: str
+    """Identifier of the row's vehicle."""
+    leader: str = ""
+    """Identifier of the vehicle ahead; without it, lane and position find it."""
+    lane: str = ""
+    position: str = ""
+    """Position along the lane."""
+
+
+class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The columns of a table by what they hold."""
 
     speeds: tuple[SpeedColumn, ...]
-    """(V,) columns of speed, leader first."""
+    """(V,) columns of speed, leader first; one where `by` is given."""
     gaps: tuple[GapColumn, ...]
-    """(V-1,) columns of space-gap, first follower first."""
+    """(V-1,) columns of space-gap, first follower first; one where `by` is given."""
     time: TimeColumn | None = None
     sample_time: Seconds | None = None
-    """The even step between rows, where no column holds the time."""
+    """The even step between rows, where no column holds the time, or between frames."""
     modes: tuple[ModeColumn, ...] = ()
     trajectory: str | None = None
     """The column that tells several runs in one table apart."""
+    by: ByVehicle | None = None
+    """Where each row is one vehicle at one instant."""
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:
@@ -109,12 +151,12 @@ def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:
     try:
         mapping = msgspec.json.decode(text, type=CsvMapping)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as fault:
-        said = str(fault).replace(" - at `$", " at `").replace("`.", "`")
+        detail = str(fault).replace(" - at `$", " at `").replace("`.", "`")
         raise RecordingError(
-            f"{name}: this is no mapping ({excerpt(said, 150)}); give speeds, gaps and time or"
+            f"{name}: this is no mapping ({excerpt(detail, 150)}); give speeds, gaps and time or"
             " sample_time."
         ) from None
-    _check(mapping, name)
+    check_mapping(mapping, name)
     return mapping
 
 
@@ -131,111 +173,124 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
 
 
 def write_mapping(mapping: CsvMapping) -> bytes:
-    """The JSON document of a mapping."""
+    """The JSON document of a mapping, without what has its default."""
     return msgspec.json.format(msgspec.json.encode(mapping), indent=2)
 
 
-def _check(mapping: CsvMapping, name: str) -> None:
-    """Refuse a mapping that no file could serve."""
-
-    def refuse(fault: str) -> RecordingError:
-        return RecordingError(f"{name}: {fault}.")
-
-    if not 2 <= len(mapping.speeds) <= MAX_VEHICLES:
-        raise refuse(
-            f"speeds lists {len(mapping.speeds)} columns; list the leader's and followers'"
-        )
-    if len(mapping.gaps) != len(mapping.speeds) - 1:
-        wanted = len(mapping.speeds) - 1
-        raise refuse(f"gaps lists {len(mapping.gaps)} columns; list {wanted}, one a follower")
-    if (mapping.time is None) == (mapping.sample_time is None):
-        raise refuse("time and sample_time: give one of the two")
-    if mapping.sample_time is not None and not 1e-3 <= mapping.sample_time <= 5.0:
-        raise refuse(f"sample_time: {mapping.sample_time:g} s is not allowed; choose 0.001 to 5 s")
-    units = [(speed.unit, SPEED_UNITS, f"speeds[{k}]") for k, speed in enumerate(mapping.speeds)]
-    units += [(gap.unit, GAP_UNITS, f"gaps[{k}]") for k, gap in enumerate(mapping.gaps)]
-    units += [(mapping.time.unit, TIME_UNITS, "time")] if mapping.time else []
-    for unit, known, place in units:
-        if unit not in known:
-            listed = ", ".join(known)
-            raise refuse(f'{place}.unit: "{excerpt(unit)}" is not known; choose from {listed}')
-    for k, mode in enumerate(mapping.modes):
-        if not 1 <= mode.vehicle <= len(mapping.speeds):
-            raise refuse(f"modes[{k}].vehicle: there is no vehicle {mode.vehicle}")
-    if not all(np.isfinite(gap.subtract) for gap in mapping.gaps):
-        raise refuse("gaps: subtract is no number")
-
-
-def runs_of(
-    source_file: SourceFile, mapping: CsvMapping, remembered: bool = False
-) -> tuple[TableRun, ...]:
-    """The runs of a table, in the order of their first rows.
-
-    A mapping that was not given but ``remembered`` is among the findings.
+def check_mapping(mapping: CsvMapping, name: str = "mapping") -> None:
+    """Refuse a mapping that no file could serve.
 
     Raises:
-        RecordingError: one sentence of file, place, fault and cure.
+        RecordingError: naming the entry that is wrong.
     """
-    _check(mapping, "mapping")
-    words = [mode.column for mode in mapping.modes]
-    words += [mapping.trajectory] if mapping.trajectory else []
-    numbers = [mapping.time.column] if mapping.time else []
-    numbers += [speed.column for speed in mapping.speeds] + [gap.column for gap in mapping.gaps]
-    columns = read_columns(source_file, layout_of(source_file), numbers, words)
-    rows_of: dict[str | None, list[int]] = {}
-    for row in columns.rows.tolist():
-        trajectory = columns.words[mapping.trajectory][row] if mapping.trajectory else None
-        rows_of.setdefault(trajectory, []).append(row)
-    findings = (MappingRemembered(),) if remembered else ()
-    return tuple(
-        TableRun(
-            () if trajectory is None else (trajectory,),
-            len(mapping.speeds),
-            partial(_recording, columns, mapping, np.array(rows), trajectory, findings),
-        )
-        for trajectory, rows in rows_of.items()
-    )
+    fault = next(_faults(mapping), None)
+    if fault:
+        raise RecordingError(f"{name}: {fault}.")
 
 
-def _recording(
-    columns: Columns,
-    mapping: CsvMapping,
-    rows: NDArray[np.int64],
-    trajectory: str | None,
-    remembered: tuple[MappingRemembered, ...],
-) -> Recording:
-    """The recording of the rows of one run, 0 = first below the column names."""
-    columns, findings = columns[rows], list[Finding](remembered)
+def _faults(mapping: CsvMapping) -> Iterator[str]:
+    """What is wrong with a mapping, each with its cure."""
+    speeds, gaps = len(mapping.speeds), len(mapping.gaps)
+    if mapping.by:
+        yield from _faults_by_vehicle(mapping, mapping.by)
+    elif not 2 <= speeds <= MAX_VEHICLES:
+        yield f"speeds lists {speeds} columns; list the leader's and followers'"
+    elif gaps != speeds - 1:
+        yield f"gaps lists {gaps} columns; list {speeds - 1}, one a follower"
+    yield from _time_faults(mapping)
+    units = [(s.unit, SPEED_UNITS, f"speeds[{k}]") for k, s in enumerate(mapping.speeds)]
+    units += [(g.unit, GAP_UNITS, f"gaps[{k}]") for k, g in enumerate(mapping.gaps)]
+    for unit, known, place in units:
+        if unit not in known:
+            yield f'{place}.unit: "{excerpt(unit)}" is not known; choose from {", ".join(known)}'
+    for k, speed in enumerate(mapping.speeds):
+        other = speed.relative_to
+        if other and (not 1 <= other <= speeds or mapping.speeds[other - 1].relative_to):
+            yield (
+                f"speeds[{k}].relative_to: vehicle {other} has no speed of its own; choose another"
+            )
+    for k, mode in enumerate(mapping.modes):
+        if not 1 <= mode.vehicle <= speeds:
+            yield f"modes[{k}].vehicle: there is no vehicle {mode.vehicle}"
+    for k, gap in enumerate(mapping.gaps):
+        if not isinstance(gap.subtract, str) and not np.isfinite(gap.subtract):
+            yield f"gaps[{k}].subtract is no number; give the length of the vehicle ahead in m"
+    for place, channels in (("speeds", mapping.speeds), ("gaps", mapping.gaps)):
+        for k, channel in enumerate(channels):
+            if not abs(channel.shift) <= LONGEST_SHIFT:
+                yield (
+                    f"{place}[{k}].shift: {channel.shift:g} s is not allowed; choose at most"
+                    f" {LONGEST_SHIFT:g} s"
+                )
+    roles: dict[str, str] = {}
+    for place, column in _roles(mapping):
+        if not column.strip():
+            yield f"{place}: name a column"
+        if roles.setdefault(column, place) != place:
+            yield (
+                f'column "{excerpt(column, 60)}" is named twice, as {roles[column]} and as {place};'
+                " a column holds one quantity, so name another one"
+            )
 
-    def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
-        values = columns.measured(quantity, column, factor, less)
-        columns.require_some(column, "choose another column")
-        return values
 
-    speeds = [channel(c.column, SPEED_UNITS[c.unit], SPEED) for c in mapping.speeds]
-    gaps = [channel(c.column, GAP_UNITS[c.unit], GAP, c.subtract) for c in mapping.gaps]
+def _faults_by_vehicle(mapping: CsvMapping, by: ByVehicle) -> Iterator[str]:
+    if len(mapping.speeds) != 1 or len(mapping.gaps) != 1:
+        yield "with by, give one speed and one gap: those of the row's vehicle"
+        return
+    if not by.leader and not (by.lane and by.position):
+        yield "by: give leader, or lane and position, to find the vehicle ahead"
+    gap = mapping.gaps[0]
+    if gap.minus and gap.minus != gap.column:
+        yield "gaps[0].minus: with by, name the column of positions that column names"
+    if mapping.modes:
+        yield "modes cannot be told with by; leave them out"
+    if mapping.speeds[0].relative_to:
+        yield "speeds[0].relative_to cannot be used with by; name the vehicle's own speed"
+    if mapping.sample_time is not None and not mapping.time:
+        yield "by needs a column of time; name it"
+
+
+def _time_faults(mapping: CsvMapping) -> Iterator[str]:
+    counts = mapping.time is not None and mapping.time.unit == FRAME
+    if mapping.time and mapping.time.unit not in TIME_UNITS:
+        unit, allowed = excerpt(mapping.time.unit), ", ".join(TIME_UNITS)
+        yield f'time.unit: "{unit}" is not known; choose from {allowed}'
+    if counts and mapping.sample_time is None:
+        yield "sample_time: give the time between two frames in s"
+    elif not counts and (mapping.time is None) == (mapping.sample_time is None):
+        yield "time and sample_time: give one of the two"
+    step = mapping.sample_time
+    if step is not None and not 1e-3 <= step <= 5.0:
+        yield f"sample_time: {step:g} s is not allowed; choose 0.001 to 5 s"
+
+
+def _roles(mapping: CsvMapping) -> Iterator[tuple[str, str]]:
+    """Each column that a mapping names, with what it is to hold; who drives is told apart."""
     if mapping.time:
-        time = columns.time(mapping.time.column, TIME_UNITS[mapping.time.unit])
-    elif len(rows) > 1:
-        time = np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
-    else:
-        column = mapping.trajectory or mapping.speeds[0].column
-        raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
-    modes = np.full((len(columns), len(speeds)), Mode.UNKNOWN, np.int8)
-    for one in mapping.modes:
-        modes[:, one.vehicle - 1] = columns.modes(one.column, one.acc, one.human, findings)
-    source_file = columns.source_file
-    return Recording(
-        source=source_file.name + (f", trajectory {trajectory}" if mapping.trajectory else ""),
-        sha256=source_file.sha256(trajectory),
-        time=time,
-        speed=np.column_stack(speeds),
-        gap=np.column_stack(gaps),
-        mode=modes,
-        trajectory=trajectory,
-        names={k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)},
-        notes=tuple(findings),
-    )
+        yield "time", mapping.time.column
+        if mapping.time.date:
+            yield "the date", mapping.time.date
+    for k, speed in enumerate(mapping.speeds, 1):
+        yield f"the speed of vehicle {k}", speed.column
+    for k, gap in enumerate(mapping.gaps, 1):
+        if gap.minus:
+            row = bool(mapping.by)
+            yield ("position" if row else f"the position of vehicle {k}"), gap.column
+            yield ("position" if row else f"the position of vehicle {k + 1}"), gap.minus
+        else:
+            yield f"the gap of vehicle {k + 1}", gap.column
+        if isinstance(gap.subtract, str):
+            yield "the length of a vehicle", gap.subtract
+    if mapping.trajectory is not None:
+        yield "the name of the run", mapping.trajectory
+    if mapping.by:
+        yield "the identifier of the vehicle", mapping.by.vehicle
+        if mapping.by.leader:
+            yield "the identifier of the vehicle ahead", mapping.by.leader
+        if mapping.by.lane:
+            yield "the lane", mapping.by.lane
+        if mapping.by.position:
+            yield "position", mapping.by.position
 
 
 def remember(mapping: CsvMapping, names: Sequence[str]) -> None:

@@ -21,6 +21,7 @@ from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME, Q
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording
+from accpinn.recordings.sampling import recording_of
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import HEADER_BYTES, Columns, Layout, cells_of, read_columns
 from accpinn.storage import packaged_rows
@@ -125,11 +126,11 @@ _TABLE_NAMES = re.compile(r"veh_specifications|^Long setting vehs", re.IGNORECAS
 
 
 class MetadataMissing(Finding, frozen=True):
-    """A row above the column names is missing."""
+    """Rows above the column names are missing."""
 
-    text = "The metadata row {key} is missing."
+    text = "Metadata are missing above the column names: {keys}."
 
-    key: str
+    keys: tuple[str, ...]
 
 
 class MetadataUnreadable(Finding, frozen=True):
@@ -201,7 +202,8 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     metadata, layout = _read_header(source_file)
     speeds, gaps, drivers = (numbered(layout, channel) for channel in (SPEED, GAP, DRIVER))
     names = _names(source_file, metadata.get("Vehicle_order", ()))
-    findings: list[Finding] = [MetadataMissing(key=key) for key in METADATA if key not in metadata]
+    absent = tuple(key for key in METADATA if key not in metadata)
+    findings: list[Finding] = [MetadataMissing(keys=absent)] if absent else []
     day = _date(metadata.get("Date", ()), findings)
     stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
     acc_flag = _integer("ACC", metadata, range(3), findings)
@@ -220,20 +222,19 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         findings.append(LineEndMissing())
     modes = {k: columns.modes(name, ["ACC"], ["Human"], findings) for k, name in drivers.items()}
     unknown = np.full(len(columns), Mode.UNKNOWN, np.int8)
-    return Recording(
+    return recording_of(
+        time, speed, gap,
+        np.stack([modes.get(k, unknown) for k in range(1, vehicles + 1)], axis=1),
+        refuse=lambda fault, cure, row: columns.refusal(fault, cure, first, row),
+        findings=findings,
         source=source_file.name,
         sha256=source_file.sha256(),
         campaign=_campaign(source_file),
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
-        time=time,
-        speed=speed,
-        gap=gap,
-        mode=np.stack([modes.get(k, unknown) for k in range(1, vehicles + 1)], axis=1),
         names=names,
-        notes=tuple(findings),
-    )
+    )  # fmt: skip
 
 
 def _measured(columns: Columns, channel: Quantity, count: int) -> FloatArray:
@@ -253,7 +254,8 @@ def _check_names(
     """Findings where names, number of vehicles and numbers of columns disagree."""
     if absent := tuple(number for number in names if number not in speeds):
         yield NamesWithoutData(vehicles=absent)
-    if nameless := tuple(number for number in sorted(speeds) if not names.get(number)):
+    nameless = tuple(number for number in sorted(speeds) if not names.get(number))
+    if names and nameless:  # without any, the row is among the metadata that are missing
         yield VehiclesWithoutName(vehicles=nameless)
     if stated is not None and (stated not in {len(names), max(speeds)} or stated < len(names)):
         yield VehicleCountMismatch(stated=stated, named=len(names), recorded=len(speeds))
@@ -292,12 +294,9 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, Layout]:
             continue
         first, place = cells[0].lower(), f"row {number}"
         if first == TIME.column.lower():
-            layout = Layout(cells, (), ",", ".", number)
+            layout = Layout(cells, (), ",", ".", number, number + 1)
             _require_channels(source_file, layout)
-            if metadata:
-                return metadata, layout
-            fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
-            raise source_file.refusal(fault, "add them, or download the file again", "row 1")
+            return metadata, layout
         if first not in keys:
             raise _unexpected(source_file, cells[0], place)
         if keys[first] in metadata:
@@ -308,9 +307,31 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, Layout]:
     raise source_file.refusal(fault, _CHOOSE_RUN)
 
 
+def is_run(layout: Layout) -> bool:
+    """Whether a table without metadata has the columns of a run, in a run's format."""
+    has_channels = bool(numbered(layout, SPEED)) and bool(numbered(layout, GAP))
+    is_plain = (layout.separator, layout.decimal, layout.units) == (",", ".", ())
+    if not has_channels or not is_plain or layout.names[0].lower() != TIME.column.lower():
+        return False
+    return all(_is_number(row[0]) for row in layout.rows if row)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def accompanies_runs(source_file: SourceFile) -> bool:
+    """Whether a file is one of the tables that the database has beside its runs."""
+    return bool(_TABLE_NAMES.search(source_file.name))
+
+
 def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingError:
     """The sentence about a row whose first cell no row above the data has."""
-    if _TABLE_NAMES.search(source_file.name):
+    if accompanies_runs(source_file):
         return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
     for separator, named in ((";", "semicolons"), ("\t", "tabs")):
         if separator in cell:

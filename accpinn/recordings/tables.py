@@ -1,14 +1,19 @@
-"""The one reader of tables: their layout, and their columns by name.
+"""The one reader of tables: how a table is written, and its columns by name.
+
+A table is rows of cells, one below the other, all as wide as its data. Above them may stand
+metadata, a row of column names and a row of units; comments and repeated column names between the
+data are left out. Where no row of names is found the columns are called "column 1", "column 2", ..
 
 Cells are split by Python's `csv` and numbers read by `float`, which rounds correctly. A cell that
-is neither empty nor a number is refused with its place, and so is a row of another width.
+is neither missing nor a number is refused with its place, and so is a row of another width.
 """
 
 import csv
+import re
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -21,13 +26,16 @@ from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.units import FloatArray, Seconds
 
-SEPARATORS = (",", ";", "\t", "|")
-HEADER_ROWS = 50
-"""Number of rows among which the column names are looked for."""
+SEPARATORS = ("\t", ";", "|", ",", " ")
+"""Separators in the order in which they are tried; the last stands for any white space."""
+HEADER_ROWS = 60
+"""Rows at the beginning of a file among which the data are to begin."""
 HEADER_BYTES = 100_000
 """Beginning of a file in which the column names stand."""
 PREVIEWED = 5
 """Rows of a preview."""
+ALIKE = 10
+"""Rows that follow each other and hold the same kinds of cells where data begin."""
 LONGEST_NAME = 60
 """Characters of a column's name in a sentence."""
 MINIMUM_SAMPLES = 10
@@ -35,72 +43,255 @@ MINIMUM_SAMPLES = 10
 SHORTEST_STEP: Seconds = 1e-3
 LONGEST_STEP: Seconds = 5.0
 """Shortest and longest step of a recording; others suggest that the time is not in seconds."""
-GAP_STEPS = 10
-"""Longest step without a hole in the recording, in typical steps."""
 LISTED = 12
 """Runs that a sentence names."""
-MISSING = frozenset(("", "NaN", "nan", "NA", "N/A", "null"))
-"""Words of a cell that holds no value."""
+MISSING = frozenset((
+    "", "nan", "-nan", "na", "n/a", "n.a.", "<na>", "nat", "null", "nil", "none", "missing",
+    "-", "--", "---", ".", "?", "#n/a", "#n/a n/a", "#na", "#null!", "#div/0!", "#value!", "#ref!",
+    "#num!", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity", "1.#inf", "-1.#inf",
+    "1.#qnan", "-1.#ind", "1.#ind",
+))  # fmt: skip
+"""Words, in small letters, of a cell that holds no value."""
+UNIT_WORDS = frozenset((
+    "s", "sec", "secs", "second", "seconds", "ms", "us", "µs", "ns", "min", "h", "hh:mm:ss",
+    "m", "ft", "feet", "cm", "mm", "km", "m/s", "mps", "km/h", "kmh", "kph", "kmph", "mph", "mi/h",
+    "ft/s", "fps", "kn", "kt", "knots", "m/s2", "m/s^2", "m/s²", "g", "deg", "°", "rad", "1", "-",
+    "%", "rpm", "bool", "iso 8601", "utc", "datetime", "id", "n/a",
+))  # fmt: skip
+"""What may stand in a row of units, in small letters and without brackets."""
+COMMENTS = ("#", "%", "//")
+"""Beginnings of a comment, which may be the row of column names."""
 _BLOCK = 5_000
 """Cells that are split at a time; larger blocks fit no processor's cache."""
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+_INSTANT = re.compile(r"[\dT:.,/+\-Z ]*\d[:/\-.]\d[\dT:.,/+\-Z ]*( ?[AaPp][Mm])?")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The way in which a table is written, and its first rows."""
+    """How a table is written, and its first rows."""
 
     names: tuple[str, ...]
-    """Names of all columns, in their order; empty where a column has none."""
+    """Names of all columns, in their order, all different; "column 3" where there is none, and
+    "speed (column 3)" where another column has the same."""
     rows: tuple[tuple[str, ...], ...]
     """The first rows of cells, as they are written."""
     separator: str
+    """A space stands for any white space."""
     decimal: str
     """Sign before the fraction of a number: a point or a comma."""
     header_row: int
-    """Number of the row with the column names, 1 = first."""
+    """Number of the row with the column names, 1 = first; 0 where there is none."""
+    data_row: int
+    """Number of the first row of data, 1 = first."""
+    units: tuple[str, ...] = ()
+    """The cells of a row of units below the names; empty without one."""
+    skipped: tuple[int, ...] = ()
+    """Numbers of the rows below the first of data that are none: comments and repeated names."""
+
+    def row_number(self, row: int) -> int:
+        """The number in the file of a row of data, 0 = first."""
+        number = self.data_row + row
+        for _ in self.skipped:  # each one that is passed may bring the next one nearer
+            moved = self.data_row + row + bisect_right(self.skipped, number)
+            if moved == number:
+                break
+            number = moved
+        return number
 
 
 def layout_of(source_file: SourceFile) -> Layout:
-    """The layout of a table.
+    """How a table is written.
 
     Raises:
-        RecordingError: where no row of column names is found.
+        RecordingError: where no rows of data are found, or their names are more or fewer.
     """
     lines = list(source_file.lines(HEADER_BYTES))
-    for number, line in enumerate(lines[:HEADER_ROWS]):
-        for separator in sorted(SEPARATORS, key=line.count, reverse=True):
-            names = cells_of(line, separator)
-            if len(names) < 2 or not any(names) or any(map(_is_number, names)):
-                continue
-            below = [row for row in lines[number + 1 :] if row.strip()]
-            if below and len(cells_of(below[0], separator)) == len(names):
-                return _layout(names, below, separator, number + 1)
-    fault = "no row of column names above rows of numbers is found"
-    raise source_file.refusal(fault, "give each column a name in the first row")
+    if len(source_file.text) > HEADER_BYTES:
+        lines = lines[:-1]  # cut off anywhere
+    beginning = lines[: HEADER_ROWS + 2 * ALIKE]
+    found = [(separator, _first_data(beginning, separator)) for separator in SEPARATORS]
+    candidates = [(separator, at) for separator, at in found if at is not None]
+    if not candidates:
+        fault = "no rows of numbers below each other are found"
+        raise source_file.refusal(fault, "choose a table with a column for each quantity")
+    separator, (first, width, _) = max(candidates, key=lambda candidate: candidate[1][2])
+    return _layout(source_file, lines, separator, first, width)
 
 
-def _layout(names: tuple[str, ...], rows: Sequence[str], separator: str, header_row: int) -> Layout:
-    decimal = "."
-    if separator != ",":  # a column may begin with whole numbers
-        cells = {cell for row in rows for cell in cells_of(row, separator)}
-        points = sum("." in cell and _is_number(cell) for cell in cells)
-        commas = sum("," in cell and _is_number(cell.replace(",", ".")) for cell in cells)
-        decimal = "," if commas > points else "."
-    shown = [map(excerpt, cells_of(row, separator)) for row in rows[:PREVIEWED]]
-    return Layout(names, tuple(map(tuple, shown)), separator, decimal, header_row)
+def _first_data(lines: Sequence[str], separator: str) -> tuple[int, int, float] | None:
+    """Where rows of equal kinds begin if cells are separated so.
+
+    Returns:
+        Position of the first one, the rows' width, and the share of their cells that are numbers,
+        instants or missing; None where no rows are alike.
+    """
+    rows = [None if _is_comment(line) else cells_of(line, separator) for line in lines]
+    for first in range(min(len(rows), HEADER_ROWS)):
+        block = [row for row in rows[first : first + 2 * ALIKE] if row][:ALIKE]
+        if rows[first] is None or len(block) < min(ALIKE, 2):
+            continue
+        widths = Counter(map(len, block))
+        width, often = widths.most_common(1)[0]
+        kinds = [[_kind(cell) for cell in row] for row in block if len(row) == width]
+        columns = [{kind for kind in column if kind} for column in zip(*kinds, strict=True)]
+        if width < 2 or often < 0.6 * len(block) or len(rows[first] or ()) != width:
+            continue
+        if sum(bool(column) and column <= {"number", "instant"} for column in columns) < 2:
+            continue
+        share = float(np.mean([kind != "word" for row in kinds for kind in row]))
+        return first, width, share
+    return None
+
+
+def _kind(cell: str) -> str:
+    """What a cell holds: "number", "instant" (of a day), "word", or "" where a value is missing."""
+    if cell.casefold() in MISSING:
+        return ""
+    if _NUMBER.fullmatch(cell):
+        return "number"
+    return "instant" if _INSTANT.fullmatch(cell) else "word"
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+def _layout(
+    source_file: SourceFile, lines: Sequence[str], separator: str, first: int, width: int
+) -> Layout:
+    """The layout of a table whose rows of equal kinds begin at position ``first``."""
+    above = [cells_of(line, separator) for line in lines[:first]]
+    header, units = _header(above, lines, separator, width)
+    data = first if header is None else header + 1 + bool(units)
+    while data < first and (_is_comment(lines[data]) or not lines[data].strip()):
+        data += 1
+    if header is None:
+        _require_no_other_names(source_file, above, lines, first, width)
+    named = () if header is None else _names_in(lines[header], separator)
+    below = lines[data:]
+    rows = [cells_of(row, separator) for row in below if row.strip() and not _is_comment(row)]
+    if header is not None and len(named) < width and any(any(row[width - 1 :]) for row in rows):
+        raise _other_names(source_file, len(named), width, header)
+    skipped = _skipped(source_file, data, lines[header] if header is not None else None)
+    shown = [tuple(map(excerpt, row)) for row in rows[:PREVIEWED]]
+    return Layout(
+        _distinct(named, width), tuple(shown), separator, _decimal(rows, separator),
+        0 if header is None else header + 1, data + 1, units, skipped,
+    )  # fmt: skip
+
+
+def _header(
+    above: Sequence[Sequence[str]], lines: Sequence[str], separator: str, width: int
+) -> tuple[int | None, tuple[str, ...]]:
+    """Position of the row of names nearest above the data, and the row of units below it."""
+    units: tuple[str, ...] = ()
+    for at in range(len(above) - 1, -1, -1):
+        cells = _names_in(lines[at], separator) if _is_comment(lines[at]) else tuple(above[at])
+        if not any(cells):
+            continue
+        is_wide = width / 2 <= len(_stripped(cells)) <= width <= len(cells) + 1
+        if is_wide and not units and _is_units(cells) and at:
+            units = cells
+        elif is_wide and _is_names(cells):
+            return at, units
+        elif units:
+            break
+    if units:  # names such as "s" alone
+        return next(at for at in range(len(above) - 1, -1, -1) if tuple(above[at]) == units), ()
+    return None, ()
+
+
+def _names_in(line: str, separator: str) -> tuple[str, ...]:
+    """The cells of a row of names, which may be a comment."""
+    return cells_of(line.lstrip().lstrip("#%/").lstrip() if _is_comment(line) else line, separator)
+
+
+def _stripped(cells: Sequence[str]) -> Sequence[str]:
+    """Cells without empty ones at the end."""
+    width = len(cells)
+    while width and not cells[width - 1]:
+        width -= 1
+    return cells[:width]
+
+
+def _is_names(cells: Sequence[str]) -> bool:
+    """Whether cells are names: no numbers, unless these count the columns from 0 on."""
+    if [*cells] == [str(k) for k in range(len(cells))]:
+        return len(cells) > 1
+    return sum(map(bool, cells)) > 1 and not any(_kind(cell) == "number" for cell in cells if cell)
+
+
+def _is_units(cells: Sequence[str]) -> bool:
+    words = [cell.strip(" []()").casefold() for cell in cells]
+    return any(words) and all(word in UNIT_WORDS or not word for word in words)
+
+
+def _require_no_other_names(
+    source_file: SourceFile,
+    above: Sequence[Sequence[str]],
+    lines: Sequence[str],
+    first: int,
+    width: int,
+) -> None:
+    """Refuse rows of data right below names that are fewer or more than their cells."""
+    at = first - 1
+    if at < 0 or _is_comment(lines[at]):
+        return
+    cells = _stripped(above[at])
+    if len(cells) > 1 and _is_names(cells):
+        raise _other_names(source_file, len(cells), width, at)
+
+
+def _other_names(source_file: SourceFile, named: int, width: int, at: int) -> RecordingError:
+    fault = f"the row names {named} columns and the rows below have {width} cells"
+    cure = "name each column once"
+    if width == 2 * named:
+        cure = 'if commas stand before fractions, separate cells by ";"'
+    return source_file.refusal(fault, cure, f"row {at + 1}")
+
+
+def _distinct(cells: Sequence[str], width: int) -> tuple[str, ...]:
+    """Names of ``width`` columns, all different."""
+    padded = [*cells, *[""] * width][:width]
+    names = []
+    for k, name in enumerate(padded, 1):
+        again = padded.count(name) > 1
+        names.append(f"{name} (column {k})" if name and again else name or f"column {k}")
+    return tuple(names)
+
+
+def _decimal(rows: Sequence[Sequence[str]], separator: str) -> str:
+    """Sign before fractions; a column may begin with whole numbers, so all rows at hand count."""
+    cells = {cell for row in rows for cell in row}
+    points = sum("." in cell and _kind(cell) == "number" for cell in cells)
+    commas = sum("," in cell and _kind(cell) == "number" for cell in cells)
+    return "," if commas > points else "."
+
+
+def _skipped(source_file: SourceFile, data: int, header: str | None) -> tuple[int, ...]:
+    """Numbers of the rows after the first of data that are comments or repeat the names."""
+    text, names = source_file.text, (header or "").strip()
+    comments = any(b"\n" + mark.encode() in text for mark in COMMENTS)
+    repeated = bool(names) and text.count(names.encode(source_file.encoding, "replace")) > 1
+    if not comments and not repeated:
+        return ()
+    numbered = islice(enumerate(source_file.lines(), 1), data, None)
+    return tuple(
+        number for number, line in numbered
+        if (repeated and line.strip() == names) or (comments and _is_comment(line))
+    )  # fmt: skip
 
 
 def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:
     """The cells of a row, without white space around them."""
-    return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator), []))
-
-
-def _is_number(cell: str) -> bool:
+    if separator == " ":
+        return tuple(line.split())
     try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:  # a cell beyond the largest that is read
+        return ()
+    return tuple(cell.strip() for cell in row)
 
 
 class ModesUnknown(Finding, frozen=True):
@@ -121,7 +312,7 @@ class Columns:
     source_file: SourceFile
     layout: Layout
     rows: NDArray[np.int64]
-    """(N,) which rows of the table they are, 0 = first below the column names."""
+    """(N,) which rows of the table they are, 0 = first."""
     numbers: dict[str, FloatArray]
     """(N,) numbers by column; nan where a cell is empty."""
     words: dict[str, list[str]]
@@ -181,50 +372,64 @@ class Columns:
         Raises:
             RecordingError: about the first that cannot be a measurement.
         """
-        values = self.numbers[column] * factor - less
+        return self.sized(quantity, self.numbers[column] * factor - less, column)
+
+    def sized(
+        self, quantity: Quantity, values: FloatArray, column: str, row: int | None = None
+    ) -> FloatArray:
+        """The values (N,) of a column, all of a size that measurements have.
+
+        Raises:
+            RecordingError: about the first that has not; its row is ``row`` where that is given.
+        """
         wrong = np.flatnonzero(np.abs(values) > quantity.possible)
         if len(wrong):
-            row = int(wrong[0])
+            first = int(wrong[0])
             fault = (
-                f"{values[row]:g} cannot be a measurement, as at most"
+                f"{values[first]:g} cannot be a measurement, as at most"
                 f" {quantity.possible:,.0f} {quantity.unit} is possible"
             )
-            cure = f"correct it, give it in {quantity.unit}, or leave the cell empty"
-            raise self.refusal(fault, cure, column, row)
+            cure = f"correct it, name its unit, or leave the cell empty"
+            raise self.refusal(fault, cure, column, first if row is None else row)
         return values
 
-    def time(self, column: str, unit: Seconds = 1.0) -> FloatArray:
-        """The time from the first row on, in s: increasing and without holes.
+    def time(self, column: str, stamps: FloatArray | None = None) -> FloatArray:
+        """The time from the first row on, in s, increasing.
+
+        Args:
+            column: where it stands.
+            stamps: (N,) in s; by default the column's numbers.
 
         Raises:
             RecordingError: about the first row that is wrong.
         """
-        refusal = partial(self.refusal, column=column)
-        stamps = self.numbers[column]
+        stamps = self.numbers[column] if stamps is None else stamps
         missing = np.flatnonzero(np.isnan(stamps))
         if len(missing):
             cure = "fill it in or delete the row"
-            raise refusal("the time is missing", cure, row=int(missing[0]))
+            raise self.refusal("the time is missing", cure, column, int(missing[0]))
         if len(stamps) < 2:
-            raise refusal("the trajectory has one row", "choose another trajectory", row=0)
+            raise self.refusal("the trajectory has one row", "choose another trajectory", column, 0)
         # From the first sample on, so that a large origin costs no digits.
-        steps = np.diff((stamps - stamps[0]) * unit)
+        time = stamps - stamps[0]
+        steps = np.diff(time)
         backward = np.flatnonzero(steps <= 0)
         if len(backward):
             row = int(backward[0]) + 1
-            late, early = (f"{stamps[k] * unit:.10g} s" for k in (row, row - 1))
+            late, early = (f"{stamps[k]:.10g} s" for k in (row, row - 1))
             fault = f"the time does not increase, {late} follows {early}"
-            raise refusal(fault, "sort or delete the rows", row=row)
+            cure = "sort or delete the rows"
+            if steps[row - 1] == 0 and (steps == 0).mean() > 0.3:
+                fault = f"{(steps == 0).mean():.0%} of the rows have the time of the row before"
+                cure = (
+                    "name the column that tells vehicles or runs apart, or give time with fractions"
+                )
+            raise self.refusal(fault, cure, column, row)
         typical = float(np.median(steps))
         if not SHORTEST_STEP <= typical <= LONGEST_STEP:
             fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
-            raise refusal(fault, "give the time in seconds")
-        holes = np.flatnonzero(steps > GAP_STEPS * typical)
-        if len(holes):
-            row = int(holes[0]) + 1
-            fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
-            raise refusal(fault, "split the file here into two recordings", row=row)
-        return np.asarray((stamps - stamps[0]) * unit)
+            raise self.refusal(fault, "give the time in seconds, or name its unit", column)
+        return time
 
 
 def read_columns(
@@ -247,7 +452,9 @@ def read_columns(
         if any(isinstance(column, int) for column in values.values()):
             raise _not_a_number(source_file, layout, first, rows, positions, values)
         for name in parts:
-            parts[name].append(np.array(values[name]))
+            block = np.array(values[name])
+            block[np.isinf(block)] = np.nan  # "inf" is a word for a missing value
+            parts[name].append(block)
         for name, column in texts.items():
             meanings = {word: _word(word) for word in set(cells[positions[name]])}
             column.extend(map(meanings.__getitem__, cells[positions[name]]))
@@ -255,30 +462,58 @@ def read_columns(
     return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
 
 
+def first_cells(source_file: SourceFile, layout: Layout, rows: int) -> list[list[str]]:
+    """The first cells of each column, without white space; "" where a value is missing.
+
+    Rows of another width than the names are passed over here; reading the columns refuses them.
+    """
+    reader = csv.reader(
+        _data_lines(source_file, layout), delimiter=layout.separator, skipinitialspace=True
+    )
+    width = len(layout.names)
+    try:
+        kept = [row for row in islice(reader, rows) if len(row) == width]
+    except csv.Error:
+        raise _unreadable(source_file, layout) from None
+    columns = zip(*kept, strict=True) if kept else ((),) * width
+    return [[_word(cell) for cell in column] for column in columns]
+
+
+def numbers_of(cells: Sequence[str], decimal: str) -> FloatArray | None:
+    """The numbers (N,) in cells, nan where there is none; None where a tenth are other words."""
+    values = [_number(cell, decimal) for cell in cells]
+    filled = [value for cell, value in zip(cells, values, strict=True) if cell]
+    if not filled or sum(value is None for value in filled) > len(filled) / 10:
+        return None
+    return np.array([np.nan if value is None else value for value in values])
+
+
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
     """Position of a column, 0 = leftmost; one that is missing or there twice is refused."""
-    places = [str(k) for k, name in enumerate(layout.names, 1) if name == column]
-    if len(places) == 1:
+    if layout.names.count(column) == 1:
         return layout.names.index(column)
-    shown = excerpt(column, LONGEST_NAME)
-    if places:
-        fault = f'"{shown}" names columns {joined(places)}'
-        raise source_file.refusal(fault, "rename all but one", f"row {layout.header_row}")
-    listed = excerpt(", ".join(filter(None, layout.names)), 200)
-    fault = f'there is no column "{shown}"'
-    raise source_file.refusal(fault, f"choose among {listed}", f"row {layout.header_row}")
+    shown, place = excerpt(column, LONGEST_NAME), f"row {layout.header_row or layout.data_row}"
+    alike = [name for name in layout.names if name.startswith(f"{column} (column ")]
+    places = [str(k) for k, name in enumerate(layout.names, 1) if name == column or name in alike]
+    if len(places) > 1:
+        fault, cure = f'"{shown}" names columns {joined(places)}', "rename all but one"
+        if alike:
+            cure = f"choose {joined([excerpt(name, LONGEST_NAME) for name in alike], 'or')}"
+        raise source_file.refusal(fault, cure, place)
+    listed = excerpt(", ".join(filter(None, layout.names)), 150)
+    raise source_file.refusal(f'there is no column "{shown}"', f"choose among {listed}", place)
 
 
 def _place(layout: Layout, row: int | None = None, column: str | None = None) -> str:
-    """A place in the file; rows are counted from the first below the column names."""
-    parts = [] if row is None else [f"row {layout.header_row + row + 1}"]
+    """A place in the file; rows of data are counted from 0."""
+    parts = [] if row is None else [f"row {layout.row_number(row)}"]
     parts += [] if column is None else [f"column {excerpt(column, LONGEST_NAME)}"]
     return ", ".join(parts)
 
 
 def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list[list[str]]]]:
-    """The rows below the column names, all as wide as these, with the number of the first."""
-    lines = islice(source_file.lines(), layout.header_row, None)
+    """The rows of data, all as wide as the column names, with the number of the first."""
+    lines = _data_lines(source_file, layout)
     reader = csv.reader(lines, delimiter=layout.separator, skipinitialspace=True)
     first, width = 0, len(layout.names)
     while True:
@@ -290,7 +525,7 @@ def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list
             raise _unreadable(source_file, layout)
         if first + len(rows) < MINIMUM_SAMPLES:
             many = f"{len(rows)} row{'s' * (len(rows) != 1)}"
-            fault = f"only {many} of numbers follow the column names"
+            fault = f"only {many} of numbers are there"
             cure = f"download it again, as a recording has at least {MINIMUM_SAMPLES}"
             raise source_file.refusal(fault, cure)
         if {*map(len, rows)} - {width}:
@@ -299,6 +534,17 @@ def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list
             return
         yield first, rows
         first += len(rows)
+
+
+def _data_lines(source_file: SourceFile, layout: Layout) -> Iterator[str]:
+    """The lines that are rows of data."""
+    lines: Iterator[str] = islice(source_file.lines(), layout.data_row - 1, None)
+    if layout.skipped:
+        passed = {number - layout.data_row for number in layout.skipped}
+        lines = (line for at, line in enumerate(lines) if at not in passed)
+    if layout.separator == " ":  # one space between cells, as a row may end with several
+        lines = (" ".join(line.split()) + "\n" for line in lines)
+    return lines
 
 
 def _ragged(
@@ -320,7 +566,7 @@ def _ragged(
 
 def _unreadable(source_file: SourceFile, layout: Layout) -> RecordingError:
     """Why rows and line ends differ: almost always for one quotation mark too many."""
-    for row, line in enumerate(islice(source_file.lines(), layout.header_row, None)):
+    for row, line in enumerate(islice(source_file.lines(), layout.data_row - 1, None)):
         if line.count('"') % 2:
             fault = "a quotation mark is opened and not closed"
             return source_file.refusal(fault, "delete it", _place(layout, row))
@@ -348,7 +594,7 @@ def _numbers(cells: Sequence[str], layout: Layout) -> list[float] | int:
 
 def _number(cell: str, decimal: str) -> float | None:
     """The number in a cell, nan where it is empty, None where it is anything else."""
-    if cell in MISSING:
+    if cell.casefold() in MISSING:
         return np.nan
     if "_" in cell or (decimal != "." and "." in cell):
         return None
@@ -359,7 +605,7 @@ def _number(cell: str, decimal: str) -> float | None:
 
 
 def _word(cell: str) -> str:
-    return "" if cell.strip() in MISSING else cell.strip()
+    return "" if cell.strip().casefold() in MISSING else cell.strip()
 
 
 def _not_a_number(

@@ -1,0 +1,195 @@
+"""What the name of a column says: quantity, unit, whose it is, and its vehicle's number.
+
+Names are taken apart into words, as "precedingXVelocity" and "v lead [ft/s]" are; a unit stands in
+brackets, behind an underscore, or in a row of its own.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+LEADER, FOLLOWER = "leader", "follower"
+SPEED_ALIASES = {
+    "m/s": "m/s", "mps": "m/s", "m/sec": "m/s", "ms-1": "m/s", "m s-1": "m/s", "m.s-1": "m/s",
+    "km/h": "km/h", "kmh": "km/h", "kph": "km/h", "kmph": "km/h", "km/hr": "km/h", "km_h": "km/h",
+    "mph": "mph", "mi/h": "mph", "miles/h": "mph",
+    "ft/s": "ft/s", "fps": "ft/s", "ftps": "ft/s", "feet/s": "ft/s", "ft/sec": "ft/s",
+    "kn": "kn", "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn",
+}  # fmt: skip
+LENGTH_ALIASES = {
+    "m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m",
+    "ft": "ft", "feet": "ft", "foot": "ft", "cm": "cm", "mm": "mm", "km": "km",
+}  # fmt: skip
+_TIME_UNITS = frozenset(("s", "sec", "secs", "seconds", "ms", "us", "µs", "ns", "min", "h"))
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*")
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zµäöüß]+|\d+")
+
+WORDS_OF = {
+    "ignored": frozenset((
+        "lat", "latitude", "lateral", "lon", "lng", "longitude", "alt", "altitude", "height",
+        "width", "heading", "yaw", "angle", "slope", "jerk", "steer", "steering", "brake",
+        "throttle", "pedal", "rpm", "maf", "torque", "gear", "temperature", "thw", "ttc", "limit",
+        "setpoint", "set", "desired", "cmd", "command", "ref", "reference", "error", "std",
+        "sigma", "variance", "quality", "count", "index", "type", "class",
+    )),
+    "acceleration": frozenset(("accel", "acceleration", "accer", "decel", "deceleration", "ax")),
+    "relative": frozenset((
+        "relative", "rel", "delta", "diff", "difference", "closing", "dv", "deltav", "rangerate",
+        "rr", "dspeed",
+    )),
+    "length": frozenset(("length", "len")),
+    "travelled": frozenset((
+        "travelled", "traveled", "cumulative", "odometer", "odo", "mileage", "driven",
+    )),
+    "position": frozenset(("position", "pos", "p", "x", "station", "chainage")),
+    "speed": frozenset((
+        "speed", "speeds", "velocity", "vel", "v", "spd", "geschwindigkeit", "vitesse",
+        "velocidad",
+    )),
+    "gap": frozenset((
+        "gap", "gaps", "ivs", "clearance", "abstand", "distance", "dist", "range", "spacing",
+        "separation", "interdistance",
+    )),
+    "headway": frozenset(("headway", "dhw", "space")),
+    "lane": frozenset(("lane",)),
+    "id": frozenset(("id", "ids", "identifier", "vehicle", "veh", "track", "car")),
+    "run": frozenset((
+        "trajectory", "segment", "run", "trip", "scenario", "test", "experiment", "session",
+        "recording", "drive", "case", "file",
+    )),
+    "mode": frozenset((
+        "engaged", "acc", "cc", "mode", "driver", "autopilot", "active", "status", "enabled",
+        "controller", "driven",
+    )),
+    "date": frozenset(("date", "day", "datum")),
+}  # fmt: skip
+"""Words, in small letters, that say what a column holds."""
+_SURE_GAPS = frozenset(("gap", "gaps", "ivs", "clearance", "abstand", "interdistance"))
+_WHOSE = {
+    LEADER: frozenset((
+        "lead", "leader", "leading", "preceding", "precede", "predecessor", "prec", "front",
+        "lv", "l", "ahead", "pv", "target", "leadveh",
+    )),
+    FOLLOWER: frozenset((
+        "ego", "own", "host", "follower", "following", "follow", "foll", "subject", "fv", "fav",
+        "f", "rear", "behind", "self",
+    )),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ColumnName:
+    """A column's name, taken apart."""
+
+    name: str
+    unit_cell: str = ""
+    """What a row of units says of the column."""
+
+    @cached_property
+    def unit(self) -> str:
+        """The unit as it is written, in small letters; empty without one."""
+        if self.unit_cell.strip():
+            return self.unit_cell.strip(" []()").casefold()
+        for inside in reversed(_BRACKETS.findall(self.name)):
+            unit = inside.strip().casefold()
+            if unit in SPEED_ALIASES or unit in LENGTH_ALIASES or unit in _TIME_UNITS:
+                return unit
+        lowered = self.name.casefold()
+        for alias in sorted((*SPEED_ALIASES, *LENGTH_ALIASES), key=len, reverse=True):
+            if re.search(rf"[_ ,]{re.escape(alias)}\d*$", lowered):
+                return alias
+        if re.search(r"[_ ]ms$", lowered) and self.words & WORDS_OF["speed"]:
+            return "m/s"
+        return ""
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """The words of the name in small letters, without its unit, numbers included."""
+        base = self.name
+        for inside in _BRACKETS.findall(base):
+            if inside.strip().casefold() == self.unit:
+                base = re.sub(r"[\[(]\s*" + re.escape(inside) + r"\s*[\])]", " ", base)
+        if self.unit and not self.unit_cell:
+            base = re.sub(rf"[_ ,]{re.escape(self.unit)}(\d*)$", r" \1", base, flags=re.IGNORECASE)
+        return tuple(word.casefold() for word in _WORDS.findall(base))
+
+    @cached_property
+    def words(self) -> frozenset[str]:
+        """The words of the name, without numbers."""
+        lowered = re.sub(r"\[[^\]]*\]|\d", " ", self.name)
+        return frozenset(word.casefold() for word in _WORDS.findall(lowered))
+
+    def says(self, what: str) -> bool:
+        """Whether a word of the name is one of those for a quantity."""
+        return bool(WORDS_OF[what] & set(self.parts))
+
+    @property
+    def speed_unit(self) -> str:
+        """The unit of speed, as mappings write it; empty where the name gives none."""
+        return SPEED_ALIASES.get(self.unit, "")
+
+    @property
+    def length_unit(self) -> str:
+        """The unit of length, as mappings write it; empty where the name gives none."""
+        return LENGTH_ALIASES.get(self.unit, "")
+
+    @cached_property
+    def number(self) -> int | None:
+        """The last number of the name."""
+        numbers = [int(part) for part in self.parts if part.isdigit() and len(part) < 4]
+        return numbers[-1] if numbers else None
+
+    @cached_property
+    def whose(self) -> str:
+        """`LEADER`, `FOLLOWER`, or empty where the name does not say."""
+        parts = set(self.parts)
+        for who, words in _WHOSE.items():
+            if {word for word in words if len(word) > 1 or len(self.parts) <= 2} & parts:
+                return who
+        return ""
+
+    @cached_property
+    def quantity(self) -> str:
+        """Key of `WORDS_OF` for what the column holds; empty where the name does not say.
+
+        A name that says a time headway, a limit or another quantity that no mapping needs is
+        "ignored".
+        """
+        parts, is_short = set(self.parts), len(self.parts) <= 3
+        if parts & {"time", "temporal"} and parts & {"gap", "headway", "collision"}:
+            return "ignored"
+        if {"range", "rate"} <= parts:
+            return "relative"
+        if self.speed_unit and not self.says("relative"):
+            return "ignored" if self.says("ignored") else "speed"
+        if self.says("relative") and not self.says("id"):
+            is_speed = self.says("speed") or self.speed_unit or parts & {"dv", "deltav", "rr"}
+            return "relative" if is_speed or parts & {"rangerate", "closing", "dspeed"} else ""
+        if self.says("ignored"):
+            return "ignored"
+        if self.says("acceleration"):
+            return "acceleration"
+        if self.says("id") and not parts & (WORDS_OF["speed"] | WORDS_OF["length"]) - {"v"}:
+            if not self.says("gap") and not self.says("position"):
+                return "lane" if self.says("lane") else "run" if self.says("run") else "id"
+        if self.says("length"):
+            return "length"
+        if self.says("travelled"):
+            return "position"
+        if parts & _SURE_GAPS:
+            return "gap"
+        if parts & WORDS_OF["speed"] - {"v"}:
+            return "speed"
+        if parts & WORDS_OF["position"] and (is_short or parts & {"pos", "position"}):
+            return "position"
+        for what in ("headway", "gap", "speed", "lane", "run", "mode", "date"):
+            if self.says(what):
+                return what
+        if self.whose == LEADER and is_short:
+            return "id"
+        return ""
+
+    @property
+    def is_sure_gap(self) -> bool:
+        """Whether the name says a gap from bumper to bumper."""
+        return bool(_SURE_GAPS & set(self.parts))

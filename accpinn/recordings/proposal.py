@@ -1,0 +1,721 @@
+"""What the columns of a table hold: a mapping, proposed with a reason for each choice.
+
+A choice is supported where the column's name, its unit or the published layout of a data set says
+it, or where the data do: units by the equation
+
+    dp/dt = v_ahead - v_behind
+
+which holds in one combination of units only. What nothing supports is proposed, if at all, to be
+confirmed by a person, and never read unasked.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise, permutations
+
+import numpy as np
+from msgspec.structs import replace
+
+from accpinn.channels import MAX_VEHICLES
+from accpinn.findings import joined
+from accpinn.recordings import clocks, consistency
+from accpinn.recordings.layouts import published_layout
+from accpinn.recordings.mapping import (
+    FRAME,
+    GAP_UNITS,
+    SPEED_UNITS,
+    ByVehicle,
+    CsvMapping,
+    GapColumn,
+    ModeColumn,
+    SpeedColumn,
+    TimeColumn,
+)
+from accpinn.recordings.names import FOLLOWER, LEADER, ColumnName
+from accpinn.recordings.source import SourceFile
+from accpinn.recordings.tables import Layout, first_cells, numbers_of
+from accpinn.units import FloatArray, Mask
+
+ROWS = 20_000
+"""Rows that a proposal looks at."""
+FEW_WORDS = 12
+"""Most different words of a column that says who drives."""
+MOST_TRIED = 8
+"""Columns among which speeds and gap are sought by their values alone."""
+FITS = 0.12
+"""Largest relative deviation of the slope from 1 in units that the data support."""
+TURNED_ON = frozenset(("1", "true", "acc", "on", "auto", "automated", "engaged", "active", "yes"))
+TURNED_OFF = frozenset(("0", "false", "human", "off", "manual", "driver", "inactive", "no"))
+"""Words, in small letters, for driving under ACC and by hand."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What one column is taken for."""
+
+    column: str
+    cells: tuple[str, ...]
+    """Its first cells."""
+    role: str = ""
+    """As "time", "speed of vehicle 1" or "gap of vehicle 2"; empty for a column that is not used."""
+    unit: str = ""
+    reason: str = ""
+    """Why, in a few words."""
+    is_supported: bool = True
+    """Whether name, unit, layout or data say so."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What the columns of a table are taken for."""
+
+    choices: tuple[Choice, ...]
+    """One a column, in the table's order."""
+    mapping: CsvMapping
+    """The mapping; a column that could not be found has an empty name in it."""
+    undecided: tuple[str, ...] = ()
+    """What a person has to decide, a sentence each."""
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether something supports every choice, so that the table may be read unasked."""
+        return not self.undecided
+
+    @property
+    def summary(self) -> str:
+        """The choices as one sentence has them."""
+        used = [choice for choice in self.choices if choice.role]
+        return ", ".join(
+            f'"{choice.column}" {choice.role}' + (f" [{choice.unit}]" if choice.unit else "")
+            for choice in used
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """A column and its first cells."""
+
+    name: ColumnName
+    cells: Sequence[str]
+    decimal: str
+
+    @property
+    def text(self) -> str:
+        return self.name.name
+
+    @cached_property
+    def numbers(self) -> FloatArray | None:
+        """(N,) the numbers, nan where a cell is missing; None where there is none or a word."""
+        return numbers_of(self.cells, self.decimal)
+
+    @cached_property
+    def words(self) -> frozenset[str]:
+        return frozenset(cell for cell in self.cells if cell)
+
+    @cached_property
+    def varies(self) -> bool:
+        return len(self.words) > 1
+
+    def is_copy(self, other: "_Column") -> bool:
+        """Whether both hold the same cells."""
+        return list(self.cells) == list(other.cells)
+
+
+@dataclass
+class _Draft:
+    """The choices made so far."""
+
+    columns: Sequence[_Column]
+    choices: dict[str, Choice] = field(default_factory=dict)
+    undecided: list[str] = field(default_factory=list)
+
+    def choose(
+        self, column: _Column, role: str, unit: str, reason: str, is_supported: bool = True
+    ) -> None:
+        shown = tuple(column.cells[:3])
+        self.choices[column.text] = Choice(column.text, shown, role, unit, reason, is_supported)
+        if role and not is_supported:
+            self.undecided.append(f'Confirm that "{column.text}" is {role}: {reason}.')
+
+    def pass_over(self, column: _Column, reason: str) -> None:
+        self.choose(column, "", "", reason)
+
+    def of(self, *quantities: str) -> list[_Column]:
+        """Columns without a choice whose names say one of the quantities, varying numbers."""
+        return [
+            column for column in self.columns
+            if column.text not in self.choices and column.name.quantity in quantities
+            and column.numbers is not None and column.varies
+        ]  # fmt: skip
+
+    def finished(self, mapping: CsvMapping) -> Proposal:
+        rest = [column for column in self.columns if column.text not in self.choices]
+        for column in rest:
+            quantity = column.name.quantity
+            reason = f"{quantity}, not needed" if quantity not in ("", "ignored") else "not needed"
+            self.pass_over(column, reason if column.varies else "the same in every row")
+        choices = tuple(self.choices[column.text] for column in self.columns)
+        return Proposal(choices, mapping, tuple(dict.fromkeys(self.undecided)))
+
+
+def proposed(source_file: SourceFile, layout: Layout) -> Proposal:
+    """What the columns of a table hold.
+
+    Raises:
+        RecordingError: when its rows cannot be split into cells.
+    """
+    units = (*layout.units, *[""] * len(layout.names))
+    cells = first_cells(source_file, layout, ROWS)
+    columns = [
+        _Column(ColumnName(name, unit), column, layout.decimal)
+        for name, unit, column in zip(layout.names, units, cells, strict=False)
+    ]
+    draft = _Draft(columns)
+    if known := published_layout(layout.names):
+        return _published(draft, *known)
+    for k, column in enumerate(columns):
+        twin = next((c for c in columns[:k] if column.varies and column.is_copy(c)), None)
+        if twin:
+            draft.pass_over(column, f'a copy of "{twin.text}"')
+    by = _by_vehicle(draft)
+    return _long(draft, by) if by else _wide(draft)
+
+
+def _published(draft: _Draft, title: str, mapping: CsvMapping) -> Proposal:
+    """The mapping of a published data set, whose column names are the table's."""
+    columns = {column.text: column for column in draft.columns}
+    for name, role, unit in roles_of(mapping):
+        draft.choose(columns[name], role, unit, f"{title}, as published")
+    return draft.finished(mapping)
+
+
+def roles_of(mapping: CsvMapping) -> list[tuple[str, str, str]]:
+    """Column, role and unit of all that a mapping names."""
+    roles = []
+    time, by = mapping.time, mapping.by
+    if time:
+        roles.append((time.column, "time", time.unit))
+        roles += [(time.date, "date", "")] if time.date else []
+    if by:
+        roles.append((by.vehicle, "vehicle", ""))
+        roles += [(by.leader, "vehicle ahead", "")] if by.leader else []
+        roles += [(by.lane, "lane", "")] if by.lane else []
+        roles += [(by.position, "position", "m")] if by.position else []
+    roles += [(mapping.trajectory, "run", "")] if mapping.trajectory else []
+    for k, speed in enumerate(mapping.speeds, 1):
+        role = "speed" if by else f"speed of vehicle {k}"
+        if speed.relative_to:
+            role = f"speed of vehicle {k} less that of vehicle {speed.relative_to}"
+        roles.append((speed.column, role, speed.unit))
+    for k, gap in enumerate(mapping.gaps, 2):
+        if not gap.minus:
+            roles.append((gap.column, "gap" if by else f"gap of vehicle {k}", gap.unit))
+        else:
+            roles.append((gap.column, "position" if by else f"position of vehicle {k - 1}", gap.unit))
+            roles.append((gap.minus, "position" if by else f"position of vehicle {k}", gap.unit))
+        if isinstance(gap.subtract, str):
+            roles.append((gap.subtract, "length", gap.unit))
+    roles += [(m.column, f"driver mode of vehicle {m.vehicle}", "") for m in mapping.modes]
+    return list(dict.fromkeys(roles))
+
+
+# Time
+
+
+def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, float | None]:
+    """The column of time, its step where it counts frames, and what supports it."""
+    candidates = []
+    for column in draft.columns:
+        if column.text in draft.choices or not column.varies or column.name.quantity == "ignored":
+            continue
+        cells = column.cells
+        if rows is not None:
+            cells = [cell for cell, is_of in zip(cells, rows, strict=True) if is_of]
+        name = column.text if not column.name.unit_cell else f"{column.text} [{column.name.unit}]"
+        recognised = clocks.recognised(name, cells, column.decimal)
+        if recognised:
+            candidates.append((column, recognised))
+    if not candidates:
+        draft.undecided.append("Choose the column of time, or even steps.")
+        return None, None
+    candidates.sort(key=lambda candidate: (
+        not candidate[1].supported, candidate[1].form == FRAME, not candidate[1].by_name,
+    ))  # fmt: skip
+    column, recognised = candidates[0]
+    for other, _ in candidates[1:]:
+        draft.pass_over(other, f'"{column.text}" is the time')
+    step = None
+    if recognised.form == FRAME:
+        draft.undecided.append(f'Give the time between two frames of "{column.text}".')
+        step = 0.1
+    draft.choose(column, "time", recognised.form, recognised.reason, recognised.supported)
+    date = ""
+    if recognised.form == "clock":
+        dates = (c for c in draft.columns if c.text not in draft.choices and _is_date(c))
+        if day := next(dates, None):
+            draft.choose(day, "date", "", "dates beside a clock")
+            date = day.text
+    return TimeColumn(column.text, recognised.form, date), step
+
+
+def _is_date(column: _Column) -> bool:
+    return column.name.quantity == "date" and all(":" not in cell for cell in column.words)
+
+
+# One row an instant of all vehicles
+
+
+def _wide(draft: _Draft) -> Proposal:
+    time, step = _time(draft)
+    trajectory = _runs(draft, time)
+    speeds, relative = _speeds(draft)
+    positions: list[_Column] = []
+    gaps = _gaps(draft, len(speeds) + bool(relative) - 1)
+    if not gaps and speeds:
+        positions = _in_order(draft.of("position"), len(speeds) + bool(relative))
+    found = bool(gaps or positions)
+    if not found and not relative and time and time.unit != FRAME:
+        triple = _by_values(draft, time, speeds)
+        if triple:
+            return _from_values(draft, time, *triple)
+    if not speeds or len(speeds) + bool(relative) < 2:
+        draft.undecided.append("Choose the columns with the speeds of leader and follower.")
+    count = max(2, len(speeds) + bool(relative))
+    if not found:
+        followers = [str(k) for k in range(2, count + 1)]
+        draft.undecided.append(f"Choose the column with the gap of vehicle {joined(followers)}.")
+    mapping = _assembled(draft, count, speeds, relative, gaps, positions)
+    mapping = replace(mapping, time=time, sample_time=step, trajectory=trajectory)
+    mapping = _with_units(draft, mapping, found and bool(speeds))
+    return draft.finished(replace(mapping, modes=_modes(draft, mapping, speeds)))
+
+
+def _speeds(draft: _Draft) -> tuple[list[_Column], _Column | None]:
+    """Speeds in the order of the vehicles, and a relative one where only one other is there."""
+    speeds = draft.of("speed")
+    relative = draft.of("relative")
+    if len(speeds) == 1 and len(relative) == 1:
+        return speeds, relative[0]
+    return _in_order(speeds), None
+
+
+def _in_order(columns: Sequence[_Column], count: int | None = None) -> list[_Column]:
+    """Columns of one quantity in the order of the vehicles; none where the names do not say it."""
+    leaders = [c for c in columns if c.name.whose == LEADER]
+    followers = [c for c in columns if c.name.whose == FOLLOWER]
+    others = [c for c in columns if not c.name.whose]
+    ordered: list[_Column] = []
+    if len(leaders) == 1 and not others and len(followers) == 1:
+        ordered = [*leaders, *followers]
+    elif len(leaders) == 1 and not others and all(c.name.number is not None for c in followers):
+        ordered = [*leaders, *sorted(followers, key=_number)]
+    elif len(leaders) == 1 and not followers and (
+        len(others) == 1 or all(c.name.number is not None for c in others)
+    ):
+        ordered = [*leaders, *sorted(others, key=_number)]
+    elif len(followers) == 1 and len(others) == 1 and not leaders:
+        ordered = [*others, *followers]
+    elif not leaders and not followers and all(c.name.number is not None for c in others):
+        ordered = sorted(others, key=_number)
+    if len({_number(c) for c in ordered[1:]}) < len(ordered) - 1:
+        return []
+    return ordered if count in (None, len(ordered)) and len(ordered) <= MAX_VEHICLES else []
+
+
+def _number(column: _Column) -> int:
+    return column.name.number if column.name.number is not None else -1
+
+
+def _gaps(draft: _Draft, count: int) -> list[_Column]:
+    """Gaps in the order of the followers; none where the names do not single them out."""
+    if count < 1:
+        return []
+    candidates = draft.of("gap")
+    sure = [column for column in candidates if column.name.is_sure_gap]
+    for gaps in (sure, candidates):
+        if len(gaps) == count and (count == 1 or all(c.name.number is not None for c in gaps)):
+            ordered = sorted(gaps, key=_number)
+            if len(set(map(_number, ordered))) == count:
+                return ordered
+    return []
+
+
+def _assembled(
+    draft: _Draft,
+    count: int,
+    speeds: Sequence[_Column],
+    relative: _Column | None,
+    gaps: Sequence[_Column],
+    positions: Sequence[_Column],
+) -> CsvMapping:
+    """The mapping of chosen columns, in the units that their names say or else the package's."""
+    columns: list[SpeedColumn] = [
+        SpeedColumn(c.text, c.name.speed_unit or "m/s") for c in speeds
+    ]
+    if relative:
+        columns = _with_relative(draft, speeds[0], relative)
+    columns += [SpeedColumn("")] * (count - len(columns))
+    gap_columns = [GapColumn(c.text, c.name.length_unit or "m") for c in gaps]
+    if positions:
+        length = _length(draft, count)
+        gap_columns = [
+            GapColumn(ahead.text, ahead.name.length_unit or "m", length, minus=behind.text)
+            for ahead, behind in pairwise(positions)
+        ]
+    gap_columns += [GapColumn("")] * (count - 1 - len(gap_columns))
+    return CsvMapping(tuple(columns), tuple(gap_columns))
+
+
+def _length(draft: _Draft, vehicles: int) -> float | str:
+    """The column of the length of the vehicle ahead; 0, and a question, without one."""
+    lengths = [c for c in draft.columns if c.name.quantity == "length" and c.numbers is not None]
+    of_leader = [c for c in lengths if c.name.whose == LEADER]
+    lengths = of_leader or [c for c in lengths if not c.name.whose]
+    if len(lengths) == 1 and vehicles == 2:
+        draft.choose(lengths[0], "length", lengths[0].name.length_unit or "m", "named length")
+        return lengths[0].text
+    draft.undecided.append(
+        "Give the length of the vehicle ahead: a difference of positions contains it."
+    )
+    return 0.0
+
+
+def _with_relative(draft: _Draft, speed: _Column, relative: _Column) -> list[SpeedColumn]:
+    """Speeds of leader and follower, one of which is relative to the other."""
+    unit = speed.name.speed_unit or "m/s"
+    difference_unit = relative.name.speed_unit or unit
+    is_closing = "closing" in relative.name.words
+    if speed.name.whose == LEADER:
+        return [
+            SpeedColumn(speed.text, unit),
+            SpeedColumn(relative.text, difference_unit, relative_to=1, reversed=not is_closing),
+        ]
+    return [
+        SpeedColumn(relative.text, difference_unit, relative_to=2, reversed=is_closing),
+        SpeedColumn(speed.text, unit),
+    ]
+
+
+# Units
+
+
+def _with_units(draft: _Draft, mapping: CsvMapping, is_complete: bool) -> CsvMapping:
+    """The mapping with the units that names or data support, and the choices with their reasons."""
+    columns = {column.text: column for column in draft.columns}
+    speeds = [columns[s.column] for s in mapping.speeds if s.column]
+    gaps = [columns[g.column] for g in mapping.gaps if g.column]
+    unnamed_speed = [c.text for c in speeds if not c.name.speed_unit]
+    unnamed_gap = [c.text for c in gaps if not c.name.length_unit]
+    reason, is_supported = "the name says so", True
+    if is_complete and mapping.time:
+        mapping, data_reason, is_supported = _units_of_data(draft, mapping, unnamed_speed, unnamed_gap)
+    else:
+        data_reason, is_supported = "no unit is named", not (unnamed_speed or unnamed_gap)
+    for name, role, unit in roles_of(mapping):
+        if not name or name in draft.choices:
+            continue
+        column = columns[name]
+        unit_cell = "the row of units says so" if column.name.unit_cell else reason
+        is_unnamed = name in unnamed_speed or name in unnamed_gap
+        named = f"named {_named(column)}"
+        why = f"{named}; {unit}: {data_reason if is_unnamed else unit_cell}"
+        draft.choose(column, role, unit, why, is_supported or not is_unnamed)
+    return mapping
+
+
+def _named(column: _Column) -> str:
+    """The words of the name that say whose column it is."""
+    return f"{column.name.quantity or 'so'}{f' of the {column.name.whose}' if column.name.whose else ''}"
+
+
+def _units_of_data(
+    draft: _Draft, mapping: CsvMapping, speeds: Sequence[str], gaps: Sequence[str]
+) -> tuple[CsvMapping, str, bool]:
+    """The mapping in the units in which the gaps change as the speeds demand.
+
+    Only columns without a unit of their own may change theirs. Returns the reason as well, and
+    whether the data determine the units.
+    """
+    if not speeds and not gaps:
+        return mapping, "", True
+    slopes = _slopes(draft, mapping)
+    if not slopes:
+        plain = "no unit is named, and the vehicles hardly move against each other"
+        return mapping, plain, False
+    slope = slopes[0]
+    candidates = []
+    for speed_unit in SPEED_UNITS if speeds else ("",):
+        for gap_unit in GAP_UNITS if gaps and not speeds else ("m",) if gaps else ("",):
+            factor = GAP_UNITS.get(gap_unit, 1.0) / SPEED_UNITS.get(speed_unit, 1.0)
+            candidates.append((abs(np.log(abs(slope.middle) * factor)), speed_unit, gap_unit))
+    distance, speed_unit, gap_unit = min(candidates)
+    fitting = [c for c in candidates if c[0] < np.log1p(FITS)]
+    if distance > np.log1p(FITS) or slope.is_vague:
+        return mapping, f"no unit is named; the gap changes {slope.middle:.2f} times as fast", False
+    mapping = replace(
+        mapping,
+        speeds=tuple(
+            replace(s, unit=speed_unit) if s.column in speeds else s for s in mapping.speeds
+        ),
+        gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
+    )
+    return mapping, "the gap changes as the speeds demand", len(fitting) == 1
+
+
+def _slopes(draft: _Draft, mapping: CsvMapping) -> list[consistency.Slope]:
+    """How fast each gap changes as compared with the speeds, as the mapping has them."""
+    columns = {column.text: column for column in draft.columns}
+    time = _seconds(draft, mapping.time)
+    if time is None:
+        return []
+    slopes = []
+    for k, gap in enumerate(mapping.gaps, 1):
+        ahead, behind = (_speed(columns, mapping, v) for v in (k, k + 1))
+        values = columns[gap.column].numbers
+        if gap.minus and values is not None:
+            own = columns[gap.minus].numbers
+            values = None if own is None else values - own
+        if ahead is None or behind is None or values is None:
+            continue
+        factor = GAP_UNITS[gap.unit]
+        slope = consistency.slope_of(time, ahead, behind, values * factor)
+        if slope:
+            slopes.append(slope)
+    return sorted(slopes, key=lambda slope: slope.error)
+
+
+def _speed(
+    columns: dict[str, _Column], mapping: CsvMapping, vehicle: int
+) -> FloatArray | None:
+    speed = mapping.speeds[vehicle - 1]
+    numbers = columns[speed.column].numbers
+    if numbers is None:
+        return None
+    values = numbers * SPEED_UNITS[speed.unit] * (-1.0 if speed.reversed else 1.0)
+    if speed.relative_to:
+        other = _speed(columns, mapping, speed.relative_to)
+        return None if other is None else values + other
+    return values
+
+
+def _seconds(draft: _Draft, time: TimeColumn | None) -> FloatArray | None:
+    """The time of the first rows in s, as far as it increases; None where it does not."""
+    if time is None or time.unit == FRAME:
+        return None
+    columns = {column.text: column for column in draft.columns}
+    column = columns[time.column]
+    dates = columns[time.date].cells if time.date else None
+    try:
+        seconds = clocks.seconds(column.cells, time.unit, column.decimal, dates)
+    except clocks.TimeUnreadable:
+        return None
+    seconds, _ = clocks.unwrapped(seconds)
+    is_sound = len(seconds) > 2 and bool((np.diff(seconds) > 0).all())
+    return seconds if is_sound else None
+
+
+# Roles by values alone
+
+
+def _by_values(
+    draft: _Draft, time: TimeColumn, speeds: Sequence[_Column]
+) -> tuple[_Column, _Column, _Column, str, float] | None:
+    """Two speeds and a gap whose rate of change is their difference, and its slope.
+
+    Returns:
+        Columns of the speed ahead, the speed behind and the gap, the unit of the speeds, and the
+        slope in it.
+    """
+    seconds = _seconds(draft, time)
+    if seconds is None:
+        return None
+    free = [c for c in draft.columns if c.text not in draft.choices and c.varies]
+    free = [c for c in free if c.numbers is not None and c.name.quantity in ("", "speed", "gap")]
+    best = None
+    for ahead, behind, gap in permutations(free[:MOST_TRIED], 3):
+        if gap in speeds or (len(speeds) > 1 and not {ahead, behind} <= set(speeds)):
+            continue
+        arrays = [c.numbers for c in (ahead, behind, gap)]
+        if any(a is None for a in arrays):
+            continue
+        slope = consistency.slope_of(seconds, *[a for a in arrays if a is not None])
+        if slope is None or slope.is_vague or slope.middle < 0 or slope.correlation < 0.9:
+            continue
+        for unit, factor in SPEED_UNITS.items():
+            if abs(np.log(slope.middle / factor)) < np.log1p(FITS):
+                candidate = (slope.correlation, ahead, behind, gap, unit, slope.middle / factor)
+                best = candidate if best is None or candidate[0] > best[0] else best
+    return best[1:] if best else None
+
+
+def _from_values(
+    draft: _Draft,
+    time: TimeColumn,
+    ahead: _Column,
+    behind: _Column,
+    gap: _Column,
+    unit: str,
+    slope: float,
+) -> Proposal:
+    """The proposal of three columns that fit together."""
+    mapping = CsvMapping(
+        (SpeedColumn(ahead.text, unit), SpeedColumn(behind.text, unit)),
+        (GapColumn(gap.text),), time,
+    )  # fmt: skip
+    why = f'"{gap.text}" changes {slope:.2f} times as fast as "{ahead.text}" - "{behind.text}"'
+    for name, role, channel_unit in roles_of(mapping)[1:]:
+        column = next(c for c in draft.columns if c.text == name)
+        draft.choose(column, role, channel_unit, why, is_supported=False)
+    return draft.finished(mapping)
+
+
+# One row a vehicle and instant
+
+
+def _by_vehicle(draft: _Draft) -> ByVehicle | None:
+    """The columns that tell vehicles apart, where several vehicles have rows of their own."""
+    ids = [
+        c for c in draft.columns
+        if c.name.quantity == "id" and c.varies and c.text not in draft.choices
+        and len(c.words) <= len(c.cells) / 2
+    ]  # fmt: skip
+    # The one ahead may be the same in all rows, as in a table of one pair.
+    leaders = [
+        c for c in draft.columns if c.name.quantity == "id" and c.name.whose == LEADER
+    ]
+    vehicles = [c for c in ids if not c.name.whose and c not in leaders]
+    lanes = [c for c in draft.columns if c.name.quantity == "lane"]
+    positions = draft.of("position")
+    if len(vehicles) != 1 or len(draft.of("speed")) != 1:
+        return None
+    [vehicle] = vehicles
+    draft.choose(vehicle, "vehicle", "", "named vehicle; several share the instants")
+    if len(leaders) == 1:
+        draft.choose(leaders[0], "vehicle ahead", "", "named vehicle ahead")
+        return ByVehicle(vehicle.text, leaders[0].text)
+    if len(positions) == 1:
+        lane = lanes[0].text if len(lanes) == 1 else ""
+        if lane:
+            draft.choose(lanes[0], "lane", "", "named lane")
+        return ByVehicle(vehicle.text, lane=lane, position=positions[0].text)
+    del draft.choices[vehicle.text]
+    return None
+
+
+def _long(draft: _Draft, by: ByVehicle) -> Proposal:
+    columns = {column.text: column for column in draft.columns}
+    run = next((c for c in draft.columns if c.name.quantity == "run" and c.varies), None)
+    if run:
+        draft.choose(run, "run", "", "named run")
+    cells = np.array(columns[by.vehicle].cells, object)
+    rows: Mask = cells == max(set(cells.tolist()), key=cells.tolist().count)
+    if run:
+        names = np.array(run.cells, object)
+        rows &= names == names[np.flatnonzero(rows)[0]]
+    time, step = _time(draft, rows)
+    [speed] = draft.of("speed")
+    gaps = [c for c in draft.of("gap") if c.name.is_sure_gap] or draft.of("gap")
+    positions = draft.of("position")
+    if by.position:
+        positions = [columns[by.position]]
+    if len(gaps) == 1:
+        gap = GapColumn(gaps[0].text, gaps[0].name.length_unit or "m")
+    elif len(positions) == 1:
+        length = _length(draft, 2)
+        unit = positions[0].name.length_unit or "m"
+        gap = GapColumn(positions[0].text, unit, length, minus=positions[0].text)
+    else:
+        gap = GapColumn("")
+        draft.undecided.append("Choose the column with the gap, or with the position.")
+    mapping = CsvMapping(
+        (SpeedColumn(speed.text, speed.name.speed_unit or "m/s"),), (gap,), time, step,
+        trajectory=run.text if run else None, by=by,
+    )  # fmt: skip
+    mapping, reason, is_supported = _long_units(draft, mapping, columns, rows)
+    for name, role, unit in roles_of(mapping):
+        if name and name not in draft.choices:
+            column = columns[name]
+            has_unit = column.name.speed_unit if role == "speed" else column.name.length_unit
+            why = f"named {column.name.quantity}; {unit}: " + (
+                "the name says so" if has_unit else reason
+            )
+            draft.choose(column, role, unit, why, bool(has_unit) or is_supported)
+    return draft.finished(mapping)
+
+
+def _long_units(
+    draft: _Draft, mapping: CsvMapping, columns: dict[str, _Column], rows: Mask
+) -> tuple[CsvMapping, str, bool]:
+    """The mapping in the units in which a vehicle's position changes as its speed says."""
+    speed, gap = mapping.speeds[0], mapping.gaps[0]
+    is_named = columns[speed.column].name.speed_unit
+    position = columns[gap.column].numbers if gap.minus else None
+    values = columns[speed.column].numbers
+    if is_named:
+        return mapping, "as the speed's", True
+    if position is None or values is None or mapping.time is None or mapping.time.unit == FRAME:
+        return mapping, "no unit is named", False
+    cells = [cell for cell, is_of in zip(columns[mapping.time.column].cells, rows, strict=True) if is_of]
+    try:
+        seconds = clocks.seconds(cells, mapping.time.unit, columns[mapping.time.column].decimal)
+    except clocks.TimeUnreadable:
+        return mapping, "no unit is named", False
+    moved, elapsed = position[rows], np.diff(seconds)
+    driven = float(np.nansum(0.5 * (values[rows][1:] + values[rows][:-1]) * elapsed))
+    ratio = abs((moved[-1] - moved[0]) * GAP_UNITS[gap.unit] / driven) if driven else np.nan
+    for unit, factor in SPEED_UNITS.items():
+        if abs(np.log(ratio / factor)) < np.log1p(FITS / 2):
+            mapping = replace(mapping, speeds=(replace(speed, unit=unit),))
+            return mapping, "positions change as the speeds say", True
+    return mapping, f"no unit is named; positions change {ratio:.2f} times as fast", False
+
+
+# Runs and drivers
+
+
+def _runs(draft: _Draft, time: TimeColumn | None) -> str | None:
+    """The column that tells runs apart, where each begins anew."""
+    for column in draft.columns:
+        if column.text in draft.choices or column.name.quantity not in ("run", "id"):
+            continue
+        changes = sum(a != b for a, b in pairwise(column.cells)) + 1
+        if column.varies and changes == len(column.words) <= len(column.cells) / 10:
+            draft.choose(column, "run", "", "named run; its rows lie together")
+            return column.text
+    return None
+
+
+def _modes(
+    draft: _Draft, mapping: CsvMapping, speeds: Sequence[_Column]
+) -> tuple[ModeColumn, ...]:
+    """Columns that say who drives, by their names and words."""
+    modes = []
+    for column in draft.columns:
+        if column.text in draft.choices or column.name.quantity != "mode":
+            continue
+        words = {word.casefold().removesuffix(".0"): word for word in column.words}
+        if len(words) > FEW_WORDS or not words or not set(words) <= TURNED_ON | TURNED_OFF:
+            continue
+        vehicle = _vehicle_of(column, mapping, speeds)
+        if vehicle is None or any(mode.vehicle == vehicle for mode in modes):
+            continue
+        acc = [word for low, word in words.items() if low in TURNED_ON] or ["1"]
+        human = [word for low, word in words.items() if low in TURNED_OFF] or ["0"]
+        modes.append(ModeColumn(vehicle, column.text, tuple(sorted(acc)), tuple(sorted(human))))
+        draft.choose(column, f"driver mode of vehicle {vehicle}", "", "named so; holds two words")
+    return tuple(modes)
+
+
+def _vehicle_of(
+    column: _Column, mapping: CsvMapping, speeds: Sequence[_Column]
+) -> int | None:
+    """The vehicle that a column is about, by its name."""
+    for vehicle, speed in enumerate(speeds, 1):
+        if column.name.whose and column.name.whose == speed.name.whose:
+            return vehicle
+        if column.name.number is not None and column.name.number == speed.name.number:
+            return vehicle
+    if not column.name.whose and column.name.number is None and len(mapping.speeds) == 2:
+        return 2
+    return None

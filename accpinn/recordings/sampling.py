@@ -1,0 +1,195 @@
+"""Rows that are missing, or of several rates, as a recording's even rows with empty cells.
+
+A table whose time leaps by some steps has rows missing: they are inserted empty, and all that
+handles empty cells handles them. A table whose channels are written at rates of their own has empty
+cells between a channel's values all the time: the slowest channel's instants stay, and the others
+are interpolated there linearly, never across more than `LONGEST_PART` of their own steps.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.errors import RecordingError
+from accpinn.findings import Finding, Labelled, Words, percent
+from accpinn.recordings import Mode, Recording, Window, listed
+from accpinn.units import FloatArray, Mask, Seconds, stretches
+
+Refuse = Callable[[str, str, int], RecordingError]
+"""Makes the error of a fault, its cure and the row where it is."""
+
+LONGEST_PAUSE: Seconds = 3600.0
+"""Longest leap of the time that is taken for missing rows; a longer one parts two recordings."""
+LEAP = 1.5, 3.0
+"""Steps from which on rows are missing, in typical ones: where steps are even, and where not."""
+EVEN_STEP = 0.02
+"""Largest relative deviation of steps from the typical one that are even."""
+OF_ITS_OWN = 1.5
+"""Ratio of a channel's step to that of the rows from which on it has a rate of its own."""
+LONGEST_PART = 2.5
+"""Longest distance between two values of a channel that is interpolated, in its typical steps."""
+
+
+class RowsMissing(Finding, frozen=True):
+    """The time leaps, so rows are missing; they were inserted empty."""
+
+    text = "{rows} rows are missing ({part}), at {where}; they count as empty."
+
+    rows: int
+    share: float
+    """Share of the recording's samples, 0 to 1."""
+    windows: tuple[Window, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        return {"part": percent(self.share), "where": listed(self.windows)}
+
+
+class RatesMerged(Finding, frozen=True):
+    """Channels are written at rates or instants of their own."""
+
+    text = (
+        "The columns have rows of their own (steps of {fastest:.3g} to {slowest:.3g} s): all were"
+        " interpolated at the instants of {column}, the slowest."
+    )
+
+    fastest: Seconds
+    slowest: Seconds
+    column: str
+
+
+def merged(
+    time: FloatArray, channels: FloatArray, columns: Sequence[str]
+) -> tuple[FloatArray, FloatArray, RatesMerged | None]:
+    """Put channels of several rates on the instants of the slowest.
+
+    Args:
+        time: (N,) in s, increasing.
+        channels: (N, C) values, nan in empty cells.
+        columns: (C,) names of the channels' columns.
+
+    Returns:
+        The time (n,), the channels (n, C) there, and what was done; all unchanged, and None, where
+        every channel has a value in nearly every row.
+    """
+    step = float(np.median(np.diff(time)))
+    filled: Mask = np.isfinite(channels)
+    typical = np.array([
+        np.median(np.diff(time[known])) if known.sum() > 2 else step for known in filled.T
+    ])  # fmt: skip
+    if not (typical > OF_ITS_OWN * step).any():
+        return time, channels, None
+    slowest = int(typical.argmax())
+    kept: Mask = filled[:, slowest]
+    instants = time[kept]
+    values = np.column_stack([
+        _interpolated(instants, time[known], series[known], LONGEST_PART * own)
+        for series, known, own in zip(channels.T, filled.T, typical, strict=True)
+    ])  # fmt: skip
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(known) < 2:
+        return time, channels, None
+    inside = slice(known[0], known[-1] + 1)  # before and after, some channels have no value yet
+    what = RatesMerged(float(typical.min()), float(typical[slowest]), columns[slowest])
+    return instants[inside] - instants[known[0]], values[inside], what
+
+
+def _interpolated(
+    at: FloatArray, time: FloatArray, values: FloatArray, longest: Seconds
+) -> FloatArray:
+    """Values (n,) at instants (n,) by straight lines, nan outside and in parts too long."""
+    after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    result = np.interp(at, time, values, left=np.nan, right=np.nan)
+    is_far = time[after] - time[after - 1] > longest
+    is_measured = np.isin(at, time)
+    return np.asarray(np.where(is_far & ~is_measured, np.nan, result))
+
+
+def shifted(time: FloatArray, channel: FloatArray, seconds: Seconds) -> FloatArray:
+    """A channel (N,) whose clock is wrong: the value that was written at t holds at t + seconds."""
+    if not seconds:
+        return channel
+    known = np.isfinite(channel)
+    step = float(np.median(np.diff(time)))
+    return _interpolated(time, time[known] + seconds, channel[known], LONGEST_PART * step)
+
+
+def with_missing_rows(
+    time: FloatArray, refuse: Refuse
+) -> tuple[FloatArray, NDArray[np.int64], tuple[Finding, ...]]:
+    """The time with the instants of the rows that are missing.
+
+    Args:
+        time: (N,) in s, increasing from 0.
+        refuse: makes the error of fault, cure and row.
+
+    Returns:
+        The time (n,), the rows (N,) of it that the table has, and what is missing.
+
+    Raises:
+        RecordingError: for a leap that parts two recordings.
+    """
+    steps = np.diff(time)
+    typical = float(np.median(steps))
+    is_even = np.mean(np.abs(steps - typical) <= EVEN_STEP * typical) > 0.8
+    leaps = np.flatnonzero(steps > LEAP[0 if is_even else 1] * typical)
+    if not len(leaps):
+        return time, np.arange(len(time)), ()
+    counts = np.rint(steps[leaps] / typical).astype(int) - 1
+    long = np.flatnonzero((steps[leaps] > LONGEST_PAUSE) | (counts.cumsum() > len(time)))
+    if len(long):
+        row = int(leaps[long[0]]) + 1
+        fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
+        raise refuse(fault, "split the file here into two recordings", row)
+    counts_by_row = np.zeros(len(time), int)
+    counts_by_row[leaps] = counts
+    rows = np.arange(len(time)) + np.concatenate(([0], counts_by_row[:-1].cumsum()))
+    filled = np.interp(np.arange(rows[-1] + 1), rows, time)
+    is_missing = np.ones(len(filled), bool)
+    is_missing[rows] = False
+    windows = tuple(
+        Window(round(float(filled[s.first]), 6), round(float(filled[s.last]), 6))
+        for s in stretches(is_missing)
+    )
+    count = int(is_missing.sum())
+    return filled, rows, (RowsMissing(count, count / len(filled), windows),)
+
+
+def recording_of(
+    time: FloatArray,
+    speed: FloatArray,
+    gap: FloatArray,
+    mode: NDArray[np.int8],
+    *,
+    refuse: Refuse,
+    findings: Sequence[Finding],
+    **about: Any,
+) -> Recording:
+    """The recording of a table's rows, those that are missing inserted empty.
+
+    Args:
+        time: (N,) in s, increasing from 0.
+        speed: (N, V) in m/s.
+        gap: (N, V-1) in m.
+        mode: (N, V) values of `Mode`.
+        refuse: makes the error about one of the rows.
+        findings: made while reading.
+        about: what else the recording has.
+
+    Raises:
+        RecordingError: for a pause that parts two recordings.
+    """
+    instants, rows, missing = with_missing_rows(time, refuse)
+    if missing:
+        speed, gap = (_spread(values, rows, len(instants), np.nan) for values in (speed, gap))
+        mode = _spread(mode, rows, len(instants), Mode.UNKNOWN)
+    notes = (*findings, *missing)
+    return Recording(time=instants, speed=speed, gap=gap, mode=mode, notes=notes, **about)
+
+
+def _spread(values: NDArray[Any], rows: NDArray[np.int64], samples: int, empty: float) -> Any:
+    """Values (N, C) in their rows of (samples, C), the others empty."""
+    spread = np.full((samples, values.shape[1]), empty, values.dtype)
+    spread[rows] = values
+    return spread
