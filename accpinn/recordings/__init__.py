@@ -14,24 +14,13 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.findings import Finding, Labelled, Words, percent
+from accpinn.recordings.consistency import GapJumps, Pair, inconsistencies
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
 """Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
 ANOTHER_UNIT = 0.01
 """Share of samples that are too large above which their unit is probably another one."""
-AGREEMENT_LIMIT = 0.5
-"""Least correlation between a gap's rate of change and the speed difference that counts as sound;
-the sound recordings of the database reach 0.8 and more."""
-SLOPES = 0.6, 1.6
-"""Slopes of a gap's rate of change over that difference that count as sound; the sound recordings
-of the database have 0.82 to 1.09, and speeds in mph 0.45."""
-AGREEMENT_WINDOW: Seconds = 1.0
-"""Time over which rates are taken, so that measurement noise does not hide the agreement."""
-AGREEMENT_MINIMUM = 30
-"""Least instants of a correlation."""
-RELATIVE_MOTION: MetresPerSecond = 0.2
-"""Least deviation of the speed difference at which noise does not dominate the correlation."""
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
 FEWEST_REPEATS = 3
@@ -104,47 +93,6 @@ class SamplesMissing(Finding, frozen=True):
             "note": " although both speeds are known" if is_gap else "",
             "where": listed(self.windows),
         }
-
-
-class GapContradictsSpeeds(Finding, frozen=True):
-    """The space-gap behind a vehicle does not change as the two speeds demand."""
-
-    text = (
-        "{gap} contradicts the speeds of vehicles {ahead} and {behind}: its rate of change"
-        " correlates with their difference by {correlation:.2f} (sound data: 0.8 and more); do not"
-        " trust results for vehicle {behind}."
-    )
-
-    text_units = (
-        "{gap} contradicts the speeds of vehicles {ahead} and {behind}: it changes {slope:.2f}"
-        " times as fast as they demand (correlation {correlation:.2f}), where speeds in km/h have"
-        " 0.28, in mph 0.45, and gaps in feet 3.28; check the units, and do not trust results for"
-        " vehicle {behind}."
-    )
-
-    vehicle: int
-    correlation: float
-    """Correlation of the gap's rate of change with the speeds' difference."""
-    slope: float | None = None
-    """The gap's rate of change over that difference, where they correlate: units are others."""
-
-    @property
-    def follower(self) -> int:
-        """The vehicle whose gap to the one ahead it is."""
-        return self.vehicle + 1
-
-    @property
-    def is_in_another_unit(self) -> bool:
-        """Whether the gap follows the speeds, but in another unit than they."""
-        return self.slope is not None
-
-    def sentence(self, about: Labelled) -> str:
-        """The cause is another unit, or that they do not correlate."""
-        return self.filled(self.text_units if self.is_in_another_unit else self.text, about)
-
-    def _words(self, about: Labelled) -> Words:
-        ahead = self.vehicle
-        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower}
 
 
 class ValuesOutOfRange(Finding, frozen=True):
@@ -385,6 +333,18 @@ class Recording:
         """(N,) IVS<number>: space-gap between vehicles ``number`` and ``number`` + 1, in m."""
         return self.gap[:, number - 1]
 
+    def pair(self, number: int, rows: slice = slice(None)) -> Pair:
+        """Vehicle ``number``, the next one and the space-gap between them, to be compared."""
+        ahead, behind = self.speed_of(number), self.speed_of(number + 1)
+        return Pair(
+            number, self.time[rows], ahead[rows], behind[rows], self.gap_behind(number)[rows]
+        )
+
+    @property
+    def jumps(self) -> tuple[GapJumps, ...]:
+        """The jumps of space-gaps that speeds do not explain, by the vehicle ahead."""
+        return tuple(finding for finding in self.findings if isinstance(finding, GapJumps))
+
     def window(self, stretch: Stretch) -> Window:
         """The time that a stretch of samples covers, to the microsecond."""
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
@@ -432,8 +392,7 @@ def check(recording: Recording) -> Iterator[Finding]:
         if blocks := tuple(map(recording.window, stretches(missing))):
             yield SamplesMissing(channel.column, number, float(missing.mean()), blocks)
     for number in gaps:
-        if found := contradiction(recording, number):
-            yield found
+        yield from inconsistencies(recording.pair(number))
     for is_below, end in ((True, np.nanmin), (False, np.nanmax)):
         for channel, number, values in channels:
             outside = values < channel.lowest if is_below else values > channel.highest
@@ -452,46 +411,3 @@ def check(recording: Recording) -> Iterator[Finding]:
     deviation = float(np.nanstd(recording.speed_of(leader)))
     if deviation < LITTLE_LEADER_MOTION:
         yield LittleLeaderMotion(leader, deviation)
-
-
-def agreement(
-    recording: Recording, number: int, rows: slice = slice(None), of_ranks: bool = False
-) -> float | None:
-    """Correlation between dIVS/dt and the speed difference of vehicles number and number + 1.
-
-    It is 1 for a sound recording; None where the two vehicles hardly move against each other. To
-    that of ranks a jump of some seconds, as where another vehicle was ahead, matters little.
-    """
-    pair = _relative_motion(recording, number, rows)
-    if pair is None or pair[0].std() < 1e-9:
-        return None if pair is None else 0.0
-    return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
-
-
-def contradiction(
-    recording: Recording, number: int, rows: slice = slice(None)
-) -> GapContradictsSpeeds | None:
-    """What the gap behind vehicle ``number`` has against the two speeds, if anything."""
-    value, pair = agreement(recording, number, rows), _relative_motion(recording, number, rows)
-    if value is None or pair is None:
-        return None
-    if value < AGREEMENT_LIMIT:
-        return GapContradictsSpeeds(number, value)
-    slope = float(np.cov(pair)[0, 1] / pair[1].var(ddof=1))
-    least, most = SLOPES
-    return None if least <= slope <= most else GapContradictsSpeeds(number, value, slope)
-
-
-def _relative_motion(recording: Recording, number: int, rows: slice) -> FloatArray | None:
-    """(2, n) dIVS/dt and the mean speed difference meanwhile; None where there is hardly any."""
-    width = 2 * max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
-    time, gap = recording.time[rows], recording.gap_behind(number)[rows]
-    if len(gap) <= width:
-        return None
-    rate = (gap[width:] - gap[:-width]) / (time[width:] - time[:-width])
-    difference = (recording.speed_of(number) - recording.speed_of(number + 1))[rows]
-    smooth = np.convolve(difference, np.full(width + 1, 1 / (width + 1)), "valid")
-    known = np.isfinite(rate) & np.isfinite(smooth)
-    if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
-        return None
-    return np.array([rate[known], smooth[known]])

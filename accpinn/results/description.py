@@ -19,7 +19,8 @@ from accpinn.methods.joint_likelihood import disturbance_sizes
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
-from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
+from accpinn.recordings import ValuesOutOfRange
+from accpinn.recordings.consistency import GapComputed, Inconsistency
 from accpinn.results.vehicles import KnownVehicles, against_model, known_vehicles, where
 from accpinn.segment import SegmentInfo
 from accpinn.study.result import Result
@@ -206,8 +207,11 @@ def _against(result: Result, places: Sequence[int]) -> Iterator[str]:
     info, estimate = result.info, result.estimate
     numbers = {info.vehicles[k + 1] for k in places}
     found = [finding for part in result.infos for finding in part.findings]
-    if any(isinstance(one, GapContradictsSpeeds) and one.follower in numbers for one in found):
+    gaps = [f for f in found if isinstance(f, Inconsistency) and f.follower in numbers]
+    if any(finding.is_contradiction for finding in gaps):
         yield "Do not trust it: the measured gap contradicts the speeds."
+    if any(isinstance(finding, GapComputed) for finding in gaps):
+        yield "The gap was computed from the speeds, from an assumed distance on."
     large = (one for one in found if isinstance(one, ValuesOutOfRange) and one.is_in_another_unit)
     if any(numbers & {*one.followers} for one in large):
         yield "Do not trust it: measured values are too large; check their units."

@@ -10,7 +10,8 @@ import numpy as np
 
 from accpinn.findings import percent
 from accpinn.methods.estimate import Estimate
-from accpinn.recordings import FLAGS, Recording, Vehicle, Window, agreement
+from accpinn.recordings import FLAGS, Recording, Vehicle, Window
+from accpinn.recordings.consistency import agreement
 from accpinn.results.tables import Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
@@ -32,8 +33,8 @@ GRADED: Mapping[Question, Sequence[str]] = {
     "excited": ("Excitation sufficient", "Excitation small", "Excitation insufficient"),
     "following": ("Car-following", "Not only car-following", "Little car-following"),
     "driver": ("Driven by ACC", "Not ACC throughout", "Driven by hand", "Driver not recorded"),
-    "consistent": ("Gaps consistent with speeds", "", "Gaps contradict speeds",
-                   "Consistency not known"),
+    "consistent": ("Gaps consistent with speeds", "Gaps computed from speeds",
+                   "Gaps contradict speeds", "Consistency not known"),
 }  # fmt: skip
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
@@ -52,8 +53,8 @@ MEANING: Mapping[Question, str] = {
     ),
     "driver": "Whether ACC controls the followers, by the driver modes in the file.",
     "consistent": (
-        "Whether the measured space-gaps (IVS) change as the differences of the speeds demand, by"
-        " the correlation of the two; sound data reach 0.8 and more."
+        "Whether the space-gaps (IVS) are measured and change as the differences of the speeds"
+        " demand: by correlation, sign, slope, clocks and jumps."
     ),
 }
 """Meaning of each question."""
@@ -106,7 +107,7 @@ def recording_table(recording: Recording) -> Table:
     """A row for each vehicle with data: driver modes, missing samples, agreement of its gap."""
     present = [vehicle for vehicle in recording.vehicles if vehicle.present]
     ahead = [vehicle.index - 1 for vehicle in present]
-    agreements = [agreement(recording, k) if k in recording.present else None for k in ahead]
+    agreements = [agreement(recording.pair(k)) if k in recording.present else None for k in ahead]
     return Table.of(
         f"{recording.source}: vehicles",
         [

@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings import (
-    MOVING,
+from accpinn.recordings import MOVING, ValuesOutOfRange, Window, listed, vehicle_label
+from accpinn.recordings.consistency import (
+    ClocksDiffer,
+    GapComputed,
     GapContradictsSpeeds,
-    ValuesOutOfRange,
-    Window,
-    listed,
-    vehicle_label,
+    GapJumps,
+    SignReversed,
+    UnitsDiffer,
 )
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.units import FloatArray, Mask, Seconds, frozen
@@ -178,6 +179,11 @@ SegmentFinding = (
     | NothingToExclude
     | DrivenByHand
     | GapContradictsSpeeds
+    | SignReversed
+    | UnitsDiffer
+    | ClocksDiffer
+    | GapJumps
+    | GapComputed
     | ValuesOutOfRange
     | MappingRemembered
 )

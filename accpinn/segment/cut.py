@@ -1,6 +1,7 @@
 """Cutting a segment: a platoon and a window of a recording, on even instants.
 
-A platoon consists of consecutive vehicles with a space-gap between them.
+A platoon consists of consecutive vehicles with a space-gap between them. Windows that are found for
+it are complete: no sample is missing for long, and no gap jumps as where another vehicle cuts in.
 
 Missing blocks of samples that are short enough are bridged by straight lines and reported. A window
 with longer ones is refused, unless the caller can use one; they are then filled alike, so that the
@@ -12,19 +13,19 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import compress, pairwise
+from typing import cast
 
 import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.recordings import (
-    HUMAN_FLAG,
+from accpinn.recordings import HUMAN_FLAG, Mode, Recording, ValuesOutOfRange, Window
+from accpinn.recordings.consistency import (
+    JUMP_TIME,
     GapContradictsSpeeds,
-    Mode,
-    Recording,
-    ValuesOutOfRange,
-    Window,
-    contradiction,
+    GapJumps,
+    Inconsistency,
+    inconsistencies,
 )
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.segment import (
@@ -97,7 +98,7 @@ def cut(
     window = _fit_window(recording, start, duration, findings)
     platoon = _platoon(recording, chosen)
     source = _source_rows(recording, window)
-    findings.extend(_unsound(recording, chosen, source.rows))
+    findings.extend(_unsound(recording, chosen, source))
     missing_blocks = platoon.missing_among(source)
     if missing_blocks and not allow_missing:
         raise _incomplete(platoon, source, missing_blocks[0])
@@ -120,20 +121,38 @@ def cut(
     )
 
 
-def _unsound(recording: Recording, chosen: Sequence[int], rows: slice) -> Iterator[SegmentFinding]:
+def _unsound(
+    recording: Recording, chosen: Sequence[int], source: Stretch
+) -> Iterator[SegmentFinding]:
     """What the recording has against the data of the chosen vehicles in a window."""
+    rows = source.rows
     for finding in recording.findings:
         if isinstance(finding, MappingRemembered):
             yield finding
-        elif isinstance(finding, GapContradictsSpeeds) and finding.vehicle in chosen[:-1]:
-            if here := contradiction(recording, finding.vehicle, rows):
-                yield here
+        elif isinstance(finding, Inconsistency):
+            if finding.vehicle in chosen[:-1]:
+                yield from _in_window(recording, finding, source)
         elif isinstance(finding, ValuesOutOfRange):
             is_gap = finding.channel == GAP.column
             if finding.vehicle in (chosen[:-1] if is_gap else chosen):
                 every = recording.gap_behind if is_gap else recording.speed_of
                 if finding.outside(every(finding.vehicle)[rows]).any():
                     yield finding
+
+
+def _in_window(
+    recording: Recording, finding: Inconsistency, source: Stretch
+) -> Iterator[SegmentFinding]:
+    """What is left of a finding about a recording in one of its windows."""
+    if isinstance(finding, GapJumps):
+        window = recording.window(source)
+        if jumps := finding.within(window.start, window.end):
+            yield jumps
+    elif isinstance(finding, GapContradictsSpeeds):
+        there = inconsistencies(recording.pair(finding.vehicle, source.rows))
+        yield from (part for part in there if isinstance(part, GapContradictsSpeeds))
+    else:  # the cause is that of the whole file
+        yield cast("SegmentFinding", finding)
 
 
 def longest_in(recording: Recording, number: int) -> Seconds:
@@ -162,7 +181,8 @@ def complete_windows(
 ) -> tuple[Window, ...]:
     """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
 
-    They leave out what lies in some others. The vehicles are consecutive numbers, leader first.
+    They end where the gap of a follower jumps, and leave out what lies in some others. The vehicles
+    are consecutive numbers, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
@@ -253,10 +273,19 @@ class _Platoon:
         return findings
 
     def complete(self) -> tuple[Window, ...]:
-        """The windows of at least `MINIMUM_DURATION` without a missing value."""
-        complete = stretches(~self.unbridged.any(axis=1))
+        """The windows of at least `MINIMUM_DURATION` without a missing value and without a jump."""
+        complete = stretches(~(self.unbridged.any(axis=1) | self._jumping()))
         windows = (self.recording.window(stretch) for stretch in complete)
         return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
+
+    def _jumping(self) -> Mask:
+        """(N,) True around the jumps of the followers' gaps."""
+        time, jumping = self.recording.time, np.zeros(self.recording.samples, bool)
+        for jumps in self.recording.jumps:
+            if GAP.of(jumps.vehicle) in self.columns:
+                for instant in jumps.times:
+                    jumping |= np.abs(time - instant) < JUMP_TIME
+        return jumping
 
 
 def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:

@@ -27,7 +27,7 @@ Five questions grade a window before anything is estimated from it, by the limit
     excited       do leader and followers move enough to identify α, β and τ?
     following     are the followers in car-following, for which the model is meant?
     driver        does ACC, not a driver, control the followers?
-    consistent    does each gap change as the two speeds demand?
+    consistent    is each gap measured, and does it change as the two speeds demand?
 
 Nothing is excluded unless the user asks. Excluded instants keep their data: the motion there is
 measured as well as elsewhere, and dp/dt = Δv holds; only the equation of dv/dt does not count.
@@ -50,12 +50,11 @@ from accpinn.model.cthp import regressors
 from accpinn.recordings import (
     LITTLE_LEADER_MOTION,
     MOVING,
-    GapContradictsSpeeds,
     LittleLeaderMotion,
     Mode,
     Recording,
-    agreement,
 )
+from accpinn.recordings.consistency import Inconsistency, agreement
 from accpinn.segment import (
     BlocksMissing,
     Bridged,
@@ -358,12 +357,13 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     elsewhere = _of(quality.findings, LittleCarFollowing)
     by_hand = _of(segment.findings, DrivenByHand)
-    contradicting = _of(segment.findings, GapContradictsSpeeds)
-    wrong = (*contradicting, *_of(quality.findings, GapsNegative))
+    unlike = [f for f in segment.findings if isinstance(f, Inconsistency)]
+    wrong = (*unlike, *_of(quality.findings, GapsNegative))
+    is_wrong = any(f.is_contradiction for f in unlike) or len(wrong) > len(unlike)
     rows = recording.rows(segment.window)
     modes = recording.mode[rows, followers]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
-    no_agreement = any(agreement(recording, number, rows) is None for number in ahead)
+    no_agreement = any(agreement(recording.pair(number, rows)) is None for number in ahead)
     is_near = bool(_of(still, NearEquilibrium))
     is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING
     return (
@@ -371,7 +371,7 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
         Rating("excited", _grade(is_near, bool(still)), still),
         Rating("following", _grade(bool(elsewhere), is_partly), elsewhere),
         Rating("driver", _grade(bool(by_hand), is_human, no_mode), by_hand),
-        Rating("consistent", _grade(bool(wrong), is_unknown=no_agreement), wrong),
+        Rating("consistent", _grade(is_wrong, bool(wrong), no_agreement), wrong),
     )
 
 

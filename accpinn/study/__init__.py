@@ -24,7 +24,7 @@ from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
 from accpinn.units import Seconds
 
-FORMAT = 10
+FORMAT = 11
 """Raised whenever equal analyses would have other results for a reason that no method's version
 tells, as a change in how windows are cut."""
 

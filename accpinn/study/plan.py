@@ -30,14 +30,17 @@ from accpinn.findings import Finding
 from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS, variant_of
 from accpinn.recordings import (
-    AGREEMENT_LIMIT,
     HUMAN_FLAG,
     MOVING,
-    GapContradictsSpeeds,
     Mode,
     Recording,
     ValuesOutOfRange,
     Window,
+)
+from accpinn.recordings.consistency import (
+    AGREEMENT_LIMIT,
+    GapContradictsSpeeds,
+    Inconsistency,
     agreement,
 )
 from accpinn.recordings.files import read_all
@@ -104,9 +107,10 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
     return tuple(planned)
 
 
-def contradictions(recording: Recording) -> list[GapContradictsSpeeds]:
-    """Followers whose gap contradicts the speeds; one jump of the gap may be the cause."""
-    return [found for found in recording.findings if isinstance(found, GapContradictsSpeeds)]
+def contradictions(recording: Recording) -> list[Inconsistency]:
+    """What the gaps of followers have against the speeds."""
+    unlike = (finding for finding in recording.findings if isinstance(finding, Inconsistency))
+    return [finding for finding in unlike if finding.is_contradiction]
 
 
 def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator[Finding]:
@@ -127,12 +131,13 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     for contradiction in contradictions(recording):
         if contradiction.follower != number:
             continue
-        if contradiction.is_in_another_unit:  # the units of the whole file are others
+        if contradiction.is_of_file:
             return np.zeros_like(allowed)
-        for window in _windows(recording, allowed, longest):
-            rows = recording.rows(window)
-            value = agreement(recording, number - 1, rows, of_ranks=True)
-            allowed[rows] &= value is not None and value >= AGREEMENT_LIMIT
+        if isinstance(contradiction, GapContradictsSpeeds):
+            for window in _windows(recording, allowed, longest):
+                rows = recording.rows(window)
+                value = agreement(recording.pair(number - 1, rows))
+                allowed[rows] &= value is not None and value >= AGREEMENT_LIMIT
     return allowed
 
 

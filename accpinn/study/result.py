@@ -34,7 +34,8 @@ from accpinn.methods.estimate import Estimate, History, Posterior
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import time_gap
-from accpinn.recordings import Facts, GapContradictsSpeeds, Recording, ValuesOutOfRange, facts_of
+from accpinn.recordings import Facts, Recording, ValuesOutOfRange, facts_of
+from accpinn.recordings.consistency import Inconsistency
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
@@ -218,7 +219,7 @@ class Result:
     def warnings(self) -> tuple[Finding, ...]:
         """What the data have against any estimate from them, and what `findings` says."""
         of_data = [found for info in self.infos for found in info.findings]
-        kinds = GapContradictsSpeeds | ValuesOutOfRange | DrivenByHand
+        kinds = Inconsistency | ValuesOutOfRange | DrivenByHand
         return (*(found for found in of_data if isinstance(found, kinds)), *self.findings)
 
     @property

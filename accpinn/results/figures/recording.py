@@ -3,7 +3,7 @@
 Vehicle names come from files, so they are escaped: plotly reads a little HTML.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from itertools import product
 from typing import Any, Literal
 
@@ -21,6 +21,8 @@ from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, REGIMES, STA
 from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
+JUMP = MISSING
+"""The gap's jumps are faults as missing samples are."""
 WINDOW = "rgba(12, 126, 174, 0.16)"
 FAINT = 0.35
 """Opacity of vehicles that are not chosen."""
@@ -108,6 +110,8 @@ def overview(
             style.vehicle_colour(number, vehicles[0]), 1.8 if shown else 1, panel=panel,
             points=points, opacity=1 if shown else FAINT, connectgaps=False,
         )  # fmt: skip
+    if view == "motion":
+        _mark_jumps(chart, recording, strong, vehicles[0])
     for panel, strip in enumerate(strips, len(shares) + 1):
         for bars in strip:
             chart.add(**bars, panel=panel, showlegend=False)
@@ -118,6 +122,22 @@ def overview(
             tickfont={"size": 9},
         )  # fmt: skip
     return chart.figure()
+
+
+def _mark_jumps(chart: style.Chart, recording: Recording, followers: Set[int], leader: int) -> None:
+    """A mark where the gap of a follower jumps, with the size of the jump on hover."""
+    for jumps in recording.jumps:
+        if jumps.follower in followers:
+            rows = np.searchsorted(recording.time, jumps.times)
+            colour = style.vehicle_colour(jumps.follower, leader)
+            chart.dots(
+                np.array(jumps.times), recording.gap_behind(jumps.vehicle)[rows],
+                f"{recording.label(jumps.follower)}: jump of the gap", panel=2,
+                hover="%{customdata:+.1f} m at %{x:.1f} s", customdata=np.array(jumps.sizes),
+                marker={"symbol": "x", "size": 9, "color": JUMP,
+                        "line": {"color": colour, "width": 1.5}},
+                showlegend=False,
+            )  # fmt: skip
 
 
 def _curves(

@@ -261,6 +261,8 @@ def _show_overview(
             show.key(figures.strip_key(drivers).items(), title="Upper bars, driver:")
         bars = "Lower bars" if drivers else "Bars"
         show.key(figures.strip_key(driving).items(), title=f"{bars}, regime:")
+        if view == "motion" and any(jumps.follower in followers for jumps in recording.jumps):
+            show.key([("jump of the gap", figures.JUMP)], title="×:")
         if view == "time gap":
             show.key((), dotted="longest in car-following")
         table_buttons(workspace, "data")
