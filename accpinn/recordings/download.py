@@ -18,8 +18,8 @@ import requests
 
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
+from accpinn.recordings.containers import LIMIT_BYTES
 from accpinn.recordings.openacc import PUBLISHED_AT, Run
-from accpinn.recordings.source import LIMIT_BYTES
 from accpinn.storage import reason_of, reported
 from accpinn.units import Seconds
 

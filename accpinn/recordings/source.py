@@ -1,4 +1,4 @@
-"""The bytes of a recording's file, from a path or an upload; what is no text is refused."""
+"""The bytes of a recording's file, from a path or an upload; what holds no text is refused."""
 
 import hashlib
 import io
@@ -9,28 +9,27 @@ from pathlib import Path
 from typing import TextIO
 
 from accpinn.errors import RecordingError
+from accpinn.recordings.containers import GZIP, LIMIT_BYTES, ZIP, Contents, unpacked
 from accpinn.storage import reported
-
-LIMIT_BYTES = 100_000_000
-"""Largest file that is read, in bytes; the largest of the database is well below."""
 
 Source = str | os.PathLike[str] | bytes | bytearray | memoryview
 
 _NAME_LENGTH = 100
 _CHOOSE_CSV = "choose an OpenACC CSV file"
 _SIGNATURES = (
-    (b"PK\x03\x04", "a zip archive or an Excel workbook", "unpack it, or save the sheet as CSV"),
-    (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "save the sheet as CSV"),
-    (b"\x1f\x8b", "a gzip archive", "unpack it first"),
+    (ZIP, "a zip archive inside another archive", "unpack it first"),
+    (
+        b"\xd0\xcf\x11\xe0",
+        "an old Excel workbook, or one with a password",
+        "save the sheet as .xlsx or CSV without a password",
+    ),
+    (GZIP, "a gzip archive inside another archive", "unpack it first"),
     (b"7z\xbc\xaf", "a 7z archive", "unpack it first"),
     (b"\x89PNG", "a PNG image", _CHOOSE_CSV),
     (b"\xff\xd8\xff", "a JPEG image", _CHOOSE_CSV),
     (b"%PDF", "a PDF document", _CHOOSE_CSV),
-    (b"\xff\xfe", "UTF-16 text", "save it as plain CSV (UTF-8)"),
-    (b"\xfe\xff", "UTF-16 text", "save it as plain CSV (UTF-8)"),
 )
 _CONTROL = bytes(code for code in range(32) if code not in b"\t\n\r")
-_BOM = b"\xef\xbb\xbf"
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,30 @@ class SourceFile:
     """The folder's name; None for an upload."""
     raw: bytes
 
+    @cached_property
+    def contents(self) -> Contents:
+        """The table inside, as CSV text, and findings about how it was unpacked.
+
+        Raises:
+            RecordingError: when the file is broken, locked or too large.
+        """
+        return unpacked(self.raw, self.refusal)
+
     @property
     def text(self) -> bytes:
-        """The bytes without a byte-order mark."""
-        return self.raw.removeprefix(_BOM)
+        """The bytes of the CSV text, without a byte-order mark."""
+        return self.contents.text
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the file takes, in bytes."""
+        return len(self.raw) + (len(self.text) if self.text is not self.raw else 0)
 
     @cached_property
     def encoding(self) -> str:
         """UTF-8, or else the Western European code page of older spreadsheets."""
         try:
-            self.raw.decode("utf-8")
+            self.text.decode("utf-8")
         except UnicodeDecodeError:
             return "cp1252"
         return "utf-8"
