@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.recordings.consistency import GapJumps, Pair, inconsistencies
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
@@ -231,6 +232,8 @@ class Recording:
     """Findings that were made while reading."""
     trajectory: str | None = None
     """Name of the table's trajectory; None where the file holds one run."""
+    mapping: CsvMapping | None = None
+    """How the table was read; None for an OpenACC run, a table of pairs and arrays."""
 
     def __post_init__(self) -> None:
         """Copy the arrays and lock them."""

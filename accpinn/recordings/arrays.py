@@ -154,7 +154,9 @@ def _array(argument: str, values: ArrayLike, factor: float, quantity: Quantity) 
     try:
         array = np.asarray(values, dtype=np.float64) * factor
     except (TypeError, ValueError):
-        raise _refusal(argument, "these are no numbers", "give an array, nan where missing") from None
+        raise _refusal(
+            argument, "these are no numbers", "give an array, nan where missing"
+        ) from None
     array = np.where(np.isinf(array), np.nan, array)
     largest = np.nanmax(np.abs(array), initial=0.0)
     if largest > quantity.possible:

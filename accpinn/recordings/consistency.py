@@ -89,6 +89,8 @@ JUMP_DRIFT: MetresPerSecond = 1.0
 """What the integral of interpolated speeds may be wrong by in a hole."""
 STALE = 6.0
 """Acceleration in m/s² above which the sample before was a repetition of an older one."""
+VAGUE = 0.15
+"""Relative error of a slope from which on it supports no unit."""
 JUMPS_LISTED = 3
 """Jumps that a sentence names."""
 NOISE_REAPPEARS = 0.9
@@ -895,3 +897,40 @@ def _without(
         first = max(0, int(at - 2 * grid.window))
         gap[first : int(at + grid.window) + 1] = np.nan
     return gap, integral
+
+
+@dataclass(frozen=True)
+class Slope:
+    """How fast a gap changes as compared with the speeds' difference."""
+
+    middle: float
+    """1 in the right units; negative where the sign is reversed."""
+    error: float
+    """Its standard error, and half the difference of the two regressions if that is more."""
+    correlation: float
+
+    @property
+    def is_vague(self) -> bool:
+        """Whether the data hardly determine it."""
+        return self.error > VAGUE * abs(self.middle) or abs(self.correlation) < AGREEMENT_LIMIT
+
+
+def slope_of(
+    time: FloatArray, ahead: FloatArray, behind: FloatArray, gap: FloatArray
+) -> Slope | None:
+    """The slope of a gap's changes over those of the integrated speeds' difference, all (N,).
+
+    A clock that clearly differs is put right before. None where the vehicles hardly move against
+    each other.
+    """
+    grid = Pair(1, time, ahead, behind, gap).grid
+    if grid is None or time[-1] - time[0] <= 2 * grid.window * grid.step:
+        return None
+    lags = _lags(grid)
+    lag = lags[0] if lags and _is_clear(lags[0], grid) else None
+    shifts = tuple(lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
+    line, correlation = _slope(grid, *shifts), _agreement(grid, *grid.sides(*shifts))
+    if line is None or correlation is None:
+        return None
+    error = max(line.error, abs(line.reverse - line.slope) / 2)
+    return Slope(line.middle, error, correlation)

@@ -13,7 +13,7 @@ from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
-from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.consistency import GapJumps, Inconsistency
 from accpinn.recordings.mapping import CsvMapping, MappingRemembered, recall, remember
 from accpinn.recordings.proposal import Proposal, proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
@@ -93,7 +93,7 @@ def contradictions(recording: Recording) -> tuple[Finding, ...]:
     """The findings that say that columns or units are probably others than they were read as."""
     return tuple(
         finding for finding in recording.findings
-        if (isinstance(finding, Inconsistency) and finding.is_misread)
+        if (isinstance(finding, Inconsistency) and not isinstance(finding, GapJumps))
         or (isinstance(finding, ValuesOutOfRange) and finding.is_in_another_unit)
     )  # fmt: skip
 

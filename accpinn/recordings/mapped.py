@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, Quantity
-from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, clocks
 from accpinn.recordings.mapping import (
@@ -25,7 +24,6 @@ from accpinn.recordings.mapping import (
     ByVehicle,
     CsvMapping,
     GapColumn,
-    MappingRemembered,
     SpeedColumn,
     check_mapping,
 )

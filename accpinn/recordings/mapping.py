@@ -1,7 +1,7 @@
 """A mapping: which columns of a table hold what, in which units.
 
     {"time": {"column": "t", "unit": "ms"},
-     "speeds": [{"column": "v1", "unit": "km/h", "name": "Leader", "shift": -1.0}, {"column": "v2"}],
+     "speeds": [{"column": "v1", "unit": "km/h", "name": "Leader"}, {"column": "v2"}],
      "gaps": [{"column": "range", "unit": "ft", "subtract": 4.5}],
      "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}
 
@@ -12,6 +12,7 @@ Speeds are listed leader first, and a gap for each follower. What else can be sa
     "sample_time": 0.1                            even steps, in place of "time"
     {"column": "dv", "relative_to": 2}            a speed relative to that of vehicle 2
     {.., "reversed": true}                        the sign is the other one, of speed or gap
+    {.., "shift": -1.0}                           its clock was wrong: seconds to add to its times
     {"column": "p1", "minus": "p2", "subtract": "length"}    a gap between two positions
     "by": {"vehicle": "id", "leader": "leader_id"}           one row a vehicle and instant
     "by": {"vehicle": "id", "lane": "lane", "position": "x"}

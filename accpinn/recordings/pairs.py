@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings import Mode, Recording
+from accpinn.recordings.sampling import recording_of
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond, nanmean
@@ -29,8 +30,10 @@ LEADER, LEADER_TYPE, LEADER_SPEED = "ID_LV", "Type_LV", "Speed_LV"
 FOLLOWER, FOLLOWER_SPEED, PAIR_GAP = "ID_FAV", "Speed_FAV", "Spatial_Gap"
 NUMBERS = (TIME_INDEX, LEADER_SPEED, FOLLOWER_SPEED, PAIR_GAP)
 WORDS = (TRAJECTORY, LEADER, FOLLOWER)
-HUMAN_LEADER = "1"
-"""Value of `Type_LV` for a human leader; 0 stands for automated or unknown."""
+LEADER_MODES = {"0": Mode.HUMAN, "1": Mode.ACC}
+"""Values of `Type_LV`: a human driver, an automated vehicle."""
+OPENACC_SETS = ("AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone")
+"""Data sets of OpenACC, whose leaders have type 1 also where nothing says who drove them."""
 
 SAME: MetresPerSecond = 0.01
 """Largest root mean square difference of two records of the same vehicle's speed."""
@@ -44,10 +47,7 @@ recording each."""
 MOST_COMPARED = 10_000
 """Speeds of two trajectories that may be the same vehicle's, in one table; each takes half a
 millisecond."""
-DATA_SETS = (
-    "AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone", "Vanderbilt",
-    "CATS", "MicroSimACC", "Ohio", "Waymo", "Argoverse",
-)  # fmt: skip
+DATA_SETS = (*OPENACC_SETS, "Vanderbilt", "CATS", "MicroSimACC", "Ohio", "Waymo", "Argoverse")
 """Campaigns and data sets that a file's name may begin with, behind "step1_" or the like."""
 
 
@@ -211,6 +211,7 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
         RecordingError: about the first row that is wrong.
     """
     source_file = pairs[0].source_file
+    data_set = _data_set(source_file.name)
     clocks = [_checked_time(pair) for pair in pairs]
     starts = np.array(begins) - min(begins)
     places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
@@ -228,21 +229,26 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
         speed[place, k + 1] = pair.numbers[FOLLOWER_SPEED]
         gap[place, k] = pair.numbers[PAIR_GAP]
         mode[place, k + 1] = Mode.ACC
-        if k == 0 and _identifier(pair, LEADER_TYPE) == HUMAN_LEADER:
-            mode[place, 0] = Mode.HUMAN
+        if k == 0:
+            mode[place, 0] = _leader_mode(_identifier(pair, LEADER_TYPE), data_set)
     name = None if is_only else _identifier(pairs[0], TRAJECTORY)
     ids = [_identifier(pairs[0], LEADER), *(_identifier(pair, FOLLOWER) for pair in pairs)]
-    return Recording(
+    return recording_of(
+        time - time[0], speed, gap, mode,
+        refuse=lambda fault, cure, row: pairs[0].refusal(fault, cure, TIME_INDEX),
+        findings=(),
         source=source_file.name + (f", trajectory {excerpt(name)}" if name is not None else ""),
         sha256=source_file.sha256(name),
-        campaign=_data_set(source_file.name),
-        time=time - time[0],
-        speed=speed,
-        gap=gap,
-        mode=mode,
+        campaign=data_set,
         trajectory=name,
         names={k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)},
-    )
+    )  # fmt: skip
+
+
+def _leader_mode(kind: str, data_set: str | None) -> Mode:
+    """Who drives a leader by its type."""
+    mode = LEADER_MODES.get(kind, Mode.UNKNOWN)
+    return Mode.UNKNOWN if mode is Mode.ACC and data_set in OPENACC_SETS else mode
 
 
 def _fill(place: NDArray[np.float64], values: FloatArray) -> None:

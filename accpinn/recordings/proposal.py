@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from accpinn.channels import MAX_VEHICLES
 from accpinn.findings import joined
-from accpinn.recordings import clocks, consistency
+from accpinn.recordings import MOVING, clocks, consistency
 from accpinn.recordings.layouts import published_layout
 from accpinn.recordings.mapping import (
     FRAME,
@@ -34,8 +34,8 @@ from accpinn.recordings.mapping import (
 )
 from accpinn.recordings.names import FOLLOWER, LEADER, ColumnName
 from accpinn.recordings.source import SourceFile
-from accpinn.recordings.tables import Layout, first_cells, numbers_of
-from accpinn.units import FloatArray, Mask
+from accpinn.recordings.tables import MINIMUM_SAMPLES, Layout, first_cells, numbers_of
+from accpinn.units import FloatArray, Mask, Seconds
 
 ROWS = 20_000
 """Rows that a proposal looks at."""
@@ -43,6 +43,10 @@ FEW_WORDS = 12
 """Most different words of a column that says who drives."""
 MOST_TRIED = 8
 """Columns among which speeds and gap are sought by their values alone."""
+USUAL_TIME_GAP: tuple[Seconds, Seconds] = (0.75, 3.0)
+"""Time gaps in following that support units which nothing else tells."""
+SURE = 0.9
+"""Least correlation of a gap's changes with those that two speeds demand, to tell all three."""
 FITS = 0.12
 """Largest relative deviation of the slope from 1 in units that the data support."""
 TURNED_ON = frozenset(("1", "true", "acc", "on", "auto", "automated", "engaged", "active", "yes"))
@@ -58,7 +62,7 @@ class Choice:
     cells: tuple[str, ...]
     """Its first cells."""
     role: str = ""
-    """As "time", "speed of vehicle 1" or "gap of vehicle 2"; empty for a column that is not used."""
+    """As "time" or "gap of vehicle 2"; empty for a column that is not used."""
     unit: str = ""
     reason: str = ""
     """Why, in a few words."""
@@ -135,19 +139,24 @@ class _Draft:
     ) -> None:
         shown = tuple(column.cells[:3])
         self.choices[column.text] = Choice(column.text, shown, role, unit, reason, is_supported)
-        if role and not is_supported:
-            self.undecided.append(f'Confirm that "{column.text}" is {role}: {reason}.')
 
     def pass_over(self, column: _Column, reason: str) -> None:
         self.choose(column, "", "", reason)
 
-    def of(self, *quantities: str) -> list[_Column]:
-        """Columns without a choice whose names say one of the quantities, varying numbers."""
-        return [
-            column for column in self.columns
-            if column.text not in self.choices and column.name.quantity in quantities
-            and column.numbers is not None and column.varies
-        ]  # fmt: skip
+    def of(self, quantity: str) -> list[_Column]:
+        """Columns of numbers without a choice whose names say the quantity.
+
+        One that is the same in every row counts only where fewer than two others are there.
+        """
+        columns = [
+            column
+            for column in self.columns
+            if column.text not in self.choices
+            and column.name.quantity == quantity
+            and column.numbers is not None
+        ]
+        varying = [column for column in columns if column.varies]
+        return varying if len(varying) > 1 or len(columns) > 2 else columns
 
     def finished(self, mapping: CsvMapping) -> Proposal:
         rest = [column for column in self.columns if column.text not in self.choices]
@@ -212,7 +221,9 @@ def roles_of(mapping: CsvMapping) -> list[tuple[str, str, str]]:
         if not gap.minus:
             roles.append((gap.column, "gap" if by else f"gap of vehicle {k}", gap.unit))
         else:
-            roles.append((gap.column, "position" if by else f"position of vehicle {k - 1}", gap.unit))
+            roles.append(
+                (gap.column, "position" if by else f"position of vehicle {k - 1}", gap.unit)
+            )
             roles.append((gap.minus, "position" if by else f"position of vehicle {k}", gap.unit))
         if isinstance(gap.subtract, str):
             roles.append((gap.subtract, "length", gap.unit))
@@ -224,7 +235,7 @@ def roles_of(mapping: CsvMapping) -> list[tuple[str, str, str]]:
 
 
 def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, float | None]:
-    """The column of time, its step where it counts frames, and what supports it."""
+    """The column of time, and its step where it counts frames; of some rows alone if given."""
     candidates = []
     for column in draft.columns:
         if column.text in draft.choices or not column.varies or column.name.quantity == "ignored":
@@ -250,6 +261,8 @@ def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, f
         draft.undecided.append(f'Give the time between two frames of "{column.text}".')
         step = 0.1
     draft.choose(column, "time", recognised.form, recognised.reason, recognised.supported)
+    if not recognised.supported:
+        draft.undecided.append(f'Confirm the unit of time "{column.text}": {recognised.reason}.')
     date = ""
     if recognised.form == "clock":
         dates = (c for c in draft.columns if c.text not in draft.choices and _is_date(c))
@@ -297,11 +310,16 @@ def _speeds(draft: _Draft) -> tuple[list[_Column], _Column | None]:
     relative = draft.of("relative")
     if len(speeds) == 1 and len(relative) == 1:
         return speeds, relative[0]
-    return _in_order(speeds), None
+    return _in_order(speeds, positions=draft.of("position")), None
 
 
-def _in_order(columns: Sequence[_Column], count: int | None = None) -> list[_Column]:
-    """Columns of one quantity in the order of the vehicles; none where the names do not say it."""
+def _in_order(
+    columns: Sequence[_Column], count: int | None = None, positions: Sequence[_Column] = ()
+) -> list[_Column]:
+    """Columns of one quantity in the order of the vehicles; none where nothing says it.
+
+    Names say it, or of two vehicles the positions.
+    """
     leaders = [c for c in columns if c.name.whose == LEADER]
     followers = [c for c in columns if c.name.whose == FOLLOWER]
     others = [c for c in columns if not c.name.whose]
@@ -310,17 +328,36 @@ def _in_order(columns: Sequence[_Column], count: int | None = None) -> list[_Col
         ordered = [*leaders, *followers]
     elif len(leaders) == 1 and not others and all(c.name.number is not None for c in followers):
         ordered = [*leaders, *sorted(followers, key=_number)]
-    elif len(leaders) == 1 and not followers and (
-        len(others) == 1 or all(c.name.number is not None for c in others)
+    elif (
+        len(leaders) == 1
+        and not followers
+        and (len(others) == 1 or all(c.name.number is not None for c in others))
     ):
         ordered = [*leaders, *sorted(others, key=_number)]
     elif len(followers) == 1 and len(others) == 1 and not leaders:
         ordered = [*others, *followers]
     elif not leaders and not followers and all(c.name.number is not None for c in others):
         ordered = sorted(others, key=_number)
+    elif len(columns) == 2:
+        ordered = _by_positions(columns, positions)
     if len({_number(c) for c in ordered[1:]}) < len(ordered) - 1:
         return []
     return ordered if count in (None, len(ordered)) and len(ordered) <= MAX_VEHICLES else []
+
+
+def _by_positions(columns: Sequence[_Column], positions: Sequence[_Column]) -> list[_Column]:
+    """Two columns, that of the vehicle first whose position is ahead; none where none says it."""
+    first, second = ({*column.name.parts} for column in columns)
+    found = []
+    for words in (first - second, second - first):
+        of_vehicle = [p for p in positions if words & {*p.name.parts}]
+        if len(of_vehicle) != 1 or of_vehicle[0].numbers is None:
+            return []
+        found.append(of_vehicle[0].numbers)
+    ahead = found[0] - found[1]
+    if (ahead > 0).all():
+        return list(columns)
+    return list(reversed(columns)) if (ahead < 0).all() else []
 
 
 def _number(column: _Column) -> int:
@@ -350,9 +387,7 @@ def _assembled(
     positions: Sequence[_Column],
 ) -> CsvMapping:
     """The mapping of chosen columns, in the units that their names say or else the package's."""
-    columns: list[SpeedColumn] = [
-        SpeedColumn(c.text, c.name.speed_unit or "m/s") for c in speeds
-    ]
+    columns: list[SpeedColumn] = [SpeedColumn(c.text, c.name.speed_unit or "m/s") for c in speeds]
     if relative:
         columns = _with_relative(draft, speeds[0], relative)
     columns += [SpeedColumn("")] * (count - len(columns))
@@ -403,56 +438,55 @@ def _with_relative(draft: _Draft, speed: _Column, relative: _Column) -> list[Spe
 def _with_units(draft: _Draft, mapping: CsvMapping, is_complete: bool) -> CsvMapping:
     """The mapping with the units that names or data support, and the choices with their reasons."""
     columns = {column.text: column for column in draft.columns}
-    speeds = [columns[s.column] for s in mapping.speeds if s.column]
-    gaps = [columns[g.column] for g in mapping.gaps if g.column]
-    unnamed_speed = [c.text for c in speeds if not c.name.speed_unit]
-    unnamed_gap = [c.text for c in gaps if not c.name.length_unit]
-    reason, is_supported = "the name says so", True
-    if is_complete and mapping.time:
-        mapping, data_reason, is_supported = _units_of_data(draft, mapping, unnamed_speed, unnamed_gap)
-    else:
-        data_reason, is_supported = "no unit is named", not (unnamed_speed or unnamed_gap)
+    speeds = [s.column for s in mapping.speeds if s.column]
+    lengths = [name for g in mapping.gaps for name in (g.column, g.minus) if name]
+    unnamed = [name for name in speeds if not columns[name].name.speed_unit]
+    unnamed += [name for name in lengths if not columns[name].name.length_unit]
+    reason, is_supported = "no unit is named", False
+    if is_complete and mapping.time and unnamed:
+        mapping, reason, is_supported = _units_of_data(draft, mapping, unnamed)
     for name, role, unit in roles_of(mapping):
         if not name or name in draft.choices:
             continue
         column = columns[name]
-        unit_cell = "the row of units says so" if column.name.unit_cell else reason
-        is_unnamed = name in unnamed_speed or name in unnamed_gap
-        named = f"named {_named(column)}"
-        why = f"{named}; {unit}: {data_reason if is_unnamed else unit_cell}"
-        draft.choose(column, role, unit, why, is_supported or not is_unnamed)
+        by_name = "the row of units says so" if column.name.unit_cell else "the name says so"
+        why = f"named {_named(column)}; {unit}: {reason if name in unnamed else by_name}"
+        draft.choose(column, role, unit, why, is_supported or name not in unnamed)
+    if unnamed and is_complete and not is_supported:
+        listed = joined([f'"{name}"' for name in unnamed])
+        draft.undecided.append(f"Confirm the units of {listed}: {reason}.")
     return mapping
 
 
 def _named(column: _Column) -> str:
-    """The words of the name that say whose column it is."""
-    return f"{column.name.quantity or 'so'}{f' of the {column.name.whose}' if column.name.whose else ''}"
+    """What the name says the column is."""
+    whose = f" of the {column.name.whose}" if column.name.whose else ""
+    return f"{column.name.quantity or 'so'}{whose}"
 
 
 def _units_of_data(
-    draft: _Draft, mapping: CsvMapping, speeds: Sequence[str], gaps: Sequence[str]
+    draft: _Draft, mapping: CsvMapping, unnamed: Sequence[str]
 ) -> tuple[CsvMapping, str, bool]:
     """The mapping in the units in which the gaps change as the speeds demand.
 
-    Only columns without a unit of their own may change theirs. Returns the reason as well, and
-    whether the data determine the units.
+    Only the ``unnamed`` columns may change theirs. Returns the reason as well, and whether the data
+    determine the units.
     """
-    if not speeds and not gaps:
-        return mapping, "", True
+    speeds = [s.column for s in mapping.speeds if s.column in unnamed]
+    gaps = [g.column for g in mapping.gaps if g.column in unnamed]
     slopes = _slopes(draft, mapping)
-    if not slopes:
-        plain = "no unit is named, and the vehicles hardly move against each other"
-        return mapping, plain, False
-    slope = slopes[0]
+    if not slopes or slopes[0].is_vague:
+        return mapping, *_usual_time_gap(draft, mapping)
+    slope = abs(slopes[0].middle)
     candidates = []
     for speed_unit in SPEED_UNITS if speeds else ("",):
         for gap_unit in GAP_UNITS if gaps and not speeds else ("m",) if gaps else ("",):
             factor = GAP_UNITS.get(gap_unit, 1.0) / SPEED_UNITS.get(speed_unit, 1.0)
-            candidates.append((abs(np.log(abs(slope.middle) * factor)), speed_unit, gap_unit))
+            candidates.append((float(abs(np.log(slope * factor))), speed_unit, gap_unit))
     distance, speed_unit, gap_unit = min(candidates)
-    fitting = [c for c in candidates if c[0] < np.log1p(FITS)]
-    if distance > np.log1p(FITS) or slope.is_vague:
-        return mapping, f"no unit is named; the gap changes {slope.middle:.2f} times as fast", False
+    if distance > np.log1p(FITS):
+        return mapping, f"the gap changes {slope:.2f} times as fast as the speeds demand", False
+    are_several = sum(candidate[0] < np.log1p(FITS) for candidate in candidates) > 1
     mapping = replace(
         mapping,
         speeds=tuple(
@@ -460,7 +494,27 @@ def _units_of_data(
         ),
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
-    return mapping, "the gap changes as the speeds demand", len(fitting) == 1
+    return mapping, "the gap changes as the speeds demand", not are_several
+
+
+def _usual_time_gap(draft: _Draft, mapping: CsvMapping) -> tuple[str, bool]:
+    """Whether the time gap is a usual one in the mapping's units, where the slope says nothing.
+
+    Speeds in km/h, mph, ft/s or knots taken as m/s make it a half or less.
+    """
+    columns = {column.text: column for column in draft.columns}
+    speed = _speed(columns, mapping, len(mapping.speeds))
+    gap = _gap(columns, mapping.gaps[-1])
+    plain = "no unit is named, and the vehicles hardly move against each other"
+    if speed is None or gap is None or isinstance(mapping.gaps[-1].subtract, str):
+        return plain, False
+    moving = speed > MOVING
+    if not moving.any():
+        return plain, False
+    time_gap = float(np.nanmedian(gap[moving] / speed[moving]))
+    least, most = USUAL_TIME_GAP
+    reason = f"no unit is named; with it the time gap is {time_gap:.1f} s"
+    return reason, least <= time_gap <= most
 
 
 def _slopes(draft: _Draft, mapping: CsvMapping) -> list[consistency.Slope]:
@@ -472,22 +526,25 @@ def _slopes(draft: _Draft, mapping: CsvMapping) -> list[consistency.Slope]:
     slopes = []
     for k, gap in enumerate(mapping.gaps, 1):
         ahead, behind = (_speed(columns, mapping, v) for v in (k, k + 1))
-        values = columns[gap.column].numbers
-        if gap.minus and values is not None:
-            own = columns[gap.minus].numbers
-            values = None if own is None else values - own
+        values = _gap(columns, gap)
         if ahead is None or behind is None or values is None:
             continue
-        factor = GAP_UNITS[gap.unit]
-        slope = consistency.slope_of(time, ahead, behind, values * factor)
+        slope = consistency.slope_of(time, ahead, behind, values)
         if slope:
             slopes.append(slope)
     return sorted(slopes, key=lambda slope: slope.error)
 
 
-def _speed(
-    columns: dict[str, _Column], mapping: CsvMapping, vehicle: int
-) -> FloatArray | None:
+def _gap(columns: dict[str, _Column], gap: GapColumn) -> FloatArray | None:
+    """A gap, or difference of positions, in m; None where cells are no numbers."""
+    values = columns[gap.column].numbers
+    if gap.minus and values is not None:
+        own = columns[gap.minus].numbers
+        values = None if own is None else values - own
+    return None if values is None else values * GAP_UNITS[gap.unit]
+
+
+def _speed(columns: dict[str, _Column], mapping: CsvMapping, vehicle: int) -> FloatArray | None:
     speed = mapping.speeds[vehicle - 1]
     numbers = columns[speed.column].numbers
     if numbers is None:
@@ -532,21 +589,43 @@ def _by_values(
         return None
     free = [c for c in draft.columns if c.text not in draft.choices and c.varies]
     free = [c for c in free if c.numbers is not None and c.name.quantity in ("", "speed", "gap")]
-    best = None
+    best: tuple[float, _Column, _Column, _Column, str, float] | None = None
     for ahead, behind, gap in permutations(free[:MOST_TRIED], 3):
         if gap in speeds or (len(speeds) > 1 and not {ahead, behind} <= set(speeds)):
             continue
-        arrays = [c.numbers for c in (ahead, behind, gap)]
-        if any(a is None for a in arrays):
+        a, b, p = ahead.numbers, behind.numbers, gap.numbers
+        if a is None or b is None or p is None:
             continue
-        slope = consistency.slope_of(seconds, *[a for a in arrays if a is not None])
-        if slope is None or slope.is_vague or slope.middle < 0 or slope.correlation < 0.9:
+        agreement = _agreement(seconds, a, b, p)
+        if agreement is None or agreement[1] < (best[0] if best else SURE):
             continue
         for unit, factor in SPEED_UNITS.items():
-            if abs(np.log(slope.middle / factor)) < np.log1p(FITS):
-                candidate = (slope.correlation, ahead, behind, gap, unit, slope.middle / factor)
-                best = candidate if best is None or candidate[0] > best[0] else best
+            if abs(np.log(agreement[0] / factor)) < np.log1p(FITS):
+                best = (agreement[1], ahead, behind, gap, unit, agreement[0] / factor)
     return best[1:] if best else None
+
+
+def _agreement(
+    time: FloatArray, ahead: FloatArray, behind: FloatArray, gap: FloatArray
+) -> tuple[float, float] | None:
+    """How fast a gap changes as compared with two speeds, if in their sense, and correlation.
+
+    Of a recording too short for a slope with an error the gap itself is compared with the integral.
+    """
+    slope = consistency.slope_of(time, ahead, behind, gap)
+    if slope:
+        return (slope.middle, slope.correlation) if slope.middle > 0 else None
+    difference = ahead - behind
+    driven = np.concatenate(
+        ([0.0], np.cumsum((difference[1:] + difference[:-1]) / 2 * np.diff(time)))
+    )
+    known = np.isfinite(driven) & np.isfinite(gap)
+    if known.sum() < MINIMUM_SAMPLES or not driven[known].std() or not gap[known].std():
+        return None
+    correlation = float(np.corrcoef(driven[known], gap[known])[0, 1])
+    if correlation <= 0 or gap[known].min() <= 0:
+        return None
+    return float(gap[known].std() / driven[known].std()), correlation
 
 
 def _from_values(
@@ -567,6 +646,7 @@ def _from_values(
     for name, role, channel_unit in roles_of(mapping)[1:]:
         column = next(c for c in draft.columns if c.text == name)
         draft.choose(column, role, channel_unit, why, is_supported=False)
+    draft.undecided.append(f"Confirm the columns of speeds and gap: {why}.")
     return draft.finished(mapping)
 
 
@@ -581,15 +661,15 @@ def _by_vehicle(draft: _Draft) -> ByVehicle | None:
         and len(c.words) <= len(c.cells) / 2
     ]  # fmt: skip
     # The one ahead may be the same in all rows, as in a table of one pair.
-    leaders = [
-        c for c in draft.columns if c.name.quantity == "id" and c.name.whose == LEADER
-    ]
+    leaders = [c for c in draft.columns if c.name.quantity == "id" and c.name.whose == LEADER]
     vehicles = [c for c in ids if not c.name.whose and c not in leaders]
     lanes = [c for c in draft.columns if c.name.quantity == "lane"]
     positions = draft.of("position")
     if len(vehicles) != 1 or len(draft.of("speed")) != 1:
         return None
     [vehicle] = vehicles
+    if not leaders and not positions:
+        return None
     draft.choose(vehicle, "vehicle", "", "named vehicle; several share the instants")
     if len(leaders) == 1:
         draft.choose(leaders[0], "vehicle ahead", "", "named vehicle ahead")
@@ -641,6 +721,8 @@ def _long(draft: _Draft, by: ByVehicle) -> Proposal:
                 "the name says so" if has_unit else reason
             )
             draft.choose(column, role, unit, why, bool(has_unit) or is_supported)
+    if not is_supported:
+        draft.undecided.append(f"Confirm the units of speeds and gaps: {reason}.")
     return draft.finished(mapping)
 
 
@@ -656,7 +738,9 @@ def _long_units(
         return mapping, "as the speed's", True
     if position is None or values is None or mapping.time is None or mapping.time.unit == FRAME:
         return mapping, "no unit is named", False
-    cells = [cell for cell, is_of in zip(columns[mapping.time.column].cells, rows, strict=True) if is_of]
+    cells = [
+        cell for cell, is_of in zip(columns[mapping.time.column].cells, rows, strict=True) if is_of
+    ]
     try:
         seconds = clocks.seconds(cells, mapping.time.unit, columns[mapping.time.column].decimal)
     except clocks.TimeUnreadable:
@@ -686,9 +770,7 @@ def _runs(draft: _Draft, time: TimeColumn | None) -> str | None:
     return None
 
 
-def _modes(
-    draft: _Draft, mapping: CsvMapping, speeds: Sequence[_Column]
-) -> tuple[ModeColumn, ...]:
+def _modes(draft: _Draft, mapping: CsvMapping, speeds: Sequence[_Column]) -> tuple[ModeColumn, ...]:
     """Columns that say who drives, by their names and words."""
     modes = []
     for column in draft.columns:
@@ -696,6 +778,8 @@ def _modes(
             continue
         words = {word.casefold().removesuffix(".0"): word for word in column.words}
         if len(words) > FEW_WORDS or not words or not set(words) <= TURNED_ON | TURNED_OFF:
+            continue
+        if set(words) == {"0"} and "acc" in column.name.parts:  # an acceleration of a steady drive
             continue
         vehicle = _vehicle_of(column, mapping, speeds)
         if vehicle is None or any(mode.vehicle == vehicle for mode in modes):
@@ -707,9 +791,7 @@ def _modes(
     return tuple(modes)
 
 
-def _vehicle_of(
-    column: _Column, mapping: CsvMapping, speeds: Sequence[_Column]
-) -> int | None:
+def _vehicle_of(column: _Column, mapping: CsvMapping, speeds: Sequence[_Column]) -> int | None:
     """The vehicle that a column is about, by its name."""
     for vehicle, speed in enumerate(speeds, 1):
         if column.name.whose and column.name.whose == speed.name.whose:

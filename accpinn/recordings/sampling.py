@@ -50,13 +50,19 @@ class RatesMerged(Finding, frozen=True):
     """Channels are written at rates or instants of their own."""
 
     text = (
-        "The columns have rows of their own (steps of {fastest:.3g} to {slowest:.3g} s): all were"
-        " interpolated at the instants of {column}, the slowest."
+        "The columns have rows of their own ({steps}): all were interpolated at the instants of"
+        " {column}."
     )
 
     fastest: Seconds
     slowest: Seconds
     column: str
+    """The slowest."""
+
+    def _words(self, about: Labelled) -> Words:
+        slow, fast = f"{self.slowest:.3g} s", f"{self.fastest:.3g}"
+        each = f"steps of {fast} to {slow}" if slow != f"{fast} s" else f"each every {slow}"
+        return {"steps": each}
 
 
 def merged(

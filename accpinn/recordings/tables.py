@@ -389,7 +389,7 @@ class Columns:
                 f"{values[first]:g} cannot be a measurement, as at most"
                 f" {quantity.possible:,.0f} {quantity.unit} is possible"
             )
-            cure = f"correct it, name its unit, or leave the cell empty"
+            cure = "correct it, name its unit, or leave the cell empty"
             raise self.refusal(fault, cure, column, first if row is None else row)
         return values
 
