@@ -12,6 +12,10 @@ MetresPerSecond = Annotated[float, "m/s"]
 PerSecond = Annotated[float, "1/s"]
 RadiansPerSecond = Annotated[float, "rad/s"]
 
+SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
+GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "ft": 0.3048}
+"""Units of speeds and lengths in files, in the package's own."""
+
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 """A boolean array, true where something holds."""

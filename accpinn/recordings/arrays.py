@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Recording, clocks
-from accpinn.recordings.mapping import GAP_UNITS, SPEED_UNITS
+from accpinn.recordings.clocks import LONGEST_STEP, SHORTEST_STEP
 from accpinn.recordings.sampling import merged, recording_of
 from accpinn.recordings.source import excerpt
-from accpinn.recordings.tables import LONGEST_STEP, MINIMUM_SAMPLES, SHORTEST_STEP
-from accpinn.units import FloatArray
+from accpinn.recordings.tables import MINIMUM_SAMPLES
+from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -34,10 +34,12 @@ NANOSECONDS = {
 DATETIME, CLOCK, HHMMSS, FRAME = "datetime", "clock", "hhmmss", "frame"
 FORMS = (*NANOSECONDS, DATETIME, CLOCK, HHMMSS)
 """Forms that `seconds` reads; frames need a rate, and are read elsewhere."""
-MISSING = frozenset(
-    "nan na n/a #n/a #na nat null none - -- ? <na> missing #value! #div/0! #num! #ref!"
-    " inf +inf -inf infinity +infinity -infinity".split()
-).union([""])
+MISSING = frozenset((
+    "", "nan", "-nan", "na", "n/a", "n.a.", "<na>", "nat", "null", "nil", "none", "missing",
+    "-", "--", "---", ".", "?", "#n/a", "#n/a n/a", "#na", "#null!", "#div/0!", "#value!", "#ref!",
+    "#num!", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity", "1.#inf", "-1.#inf",
+    "1.#qnan", "-1.#ind", "1.#ind",
+))  # fmt: skip
 """Words, in small letters, of a cell that holds no value."""
 SHORTEST_STEP: Seconds = 1e-3
 LONGEST_STEP: Seconds = 5.0

@@ -28,7 +28,16 @@ import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.findings import Finding, Labelled, Words, joined
-from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, stretches
+from accpinn.units import GAP_UNITS as LENGTHS
+from accpinn.units import (
+    SPEED_UNITS,
+    FloatArray,
+    Mask,
+    Metres,
+    MetresPerSecond,
+    Seconds,
+    stretches,
+)
 
 WINDOW: Seconds = 1.0
 """Time W of increments for correlations and shifts."""
@@ -105,8 +114,7 @@ UNITS_LISTED = 3
 AHEAD, BEHIND, THE_GAP = range(3)
 SHIFTED = {AHEAD: (1.0, 0.0), BEHIND: (0.0, 1.0), THE_GAP: (1.0, 1.0)}
 """Which of δ_ahead and δ_behind vary where the clock of one channel differs."""
-SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
-GAP_UNITS = {"m": 1.0, "ft": 0.3048, "cm": 0.01}
+GAP_UNITS = {unit: LENGTHS[unit] for unit in ("m", "ft", "cm")}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 """Units of each quantity that a table may be in, in the package's own."""
 

@@ -183,18 +183,14 @@ class File:
         return run.read() if run else openacc.read(self.content)
 
     def _read_as_proposed(self, trajectory: str | None) -> Recording:
-        offer = (
-            "name the columns on the page Home, or print the proposed mapping by info --propose,"
-            " correct it and give it by --mapping, in Python by mapping="
-        )
+        offer = "map its columns on page Home, or by --mapping (info --propose prints a proposal)"
         if not self.proposal.is_supported:
             question = excerpt(self.proposal.undecided[0].rstrip("."), 120)
-            fault = f"its columns do not say all that is needed ({question})"
-            raise self.content.refusal(fault, offer)
+            raise self.content.refusal(f"its columns leave open: {question}", offer)
         file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
         recording = file.read(trajectory)
         if against := contradictions(recording):
-            sentence = excerpt(against[0].sentence(recording).rstrip("."), 240)
+            sentence = excerpt(against[0].sentence(recording).rstrip("."), 180)
             raise self.content.refusal(sentence, offer)
         return recording
 

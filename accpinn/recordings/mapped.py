@@ -18,9 +18,6 @@ from accpinn.channels import GAP, SPEED, Quantity
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, clocks
 from accpinn.recordings.mapping import (
-    FRAME,
-    GAP_UNITS,
-    SPEED_UNITS,
     ByVehicle,
     CsvMapping,
     GapColumn,
@@ -37,7 +34,7 @@ from accpinn.recordings.tables import (
     layout_of,
     read_columns,
 )
-from accpinn.units import FloatArray, Metres, Seconds
+from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Metres, Seconds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -123,7 +120,7 @@ def _stamps(columns: Columns, mapping: CsvMapping) -> tuple[str, FloatArray]:
     if time is None:  # even steps
         step = mapping.sample_time or 0.0
         return mapping.speeds[0].column, step * np.arange(len(columns), dtype=np.float64)
-    is_counter = time.unit == FRAME
+    is_counter = time.unit == clocks.FRAME
     dates = columns.words[time.date] if time.date else None
     try:
         seconds = clocks.seconds(

@@ -28,24 +28,32 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from accpinn.channels import MAX_VEHICLES
+from accpinn.channels import MAX_VEHICLES, SPEED
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings.clocks import FORMS
+from accpinn.recordings import consistency
+from accpinn.recordings.clocks import FORMS, FRAME
+from accpinn.recordings.consistency import (
+    Cure,
+    Exchange,
+    Inconsistency,
+    ReadAs,
+    Reverse,
+    Shift,
+    UnitsDiffer,
+)
 from accpinn.recordings.source import excerpt
 from accpinn.storage import folder, reported, write_whole
-from accpinn.units import Metres, Seconds
+from accpinn.units import GAP_UNITS, SPEED_UNITS, Metres, Seconds
 
-FRAME = "frame"
-"""Unit of a counter of frames, which are `CsvMapping.sample_time` apart."""
 TIME_UNITS = (*FORMS, FRAME)
-SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
-GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "ft": 0.3048}
-"""Units of each quantity, in the package's own."""
+"""Forms of time; frames are `CsvMapping.sample_time` apart."""
 LONGEST_SHIFT: Seconds = 60.0
 
 
@@ -64,7 +72,7 @@ class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
 
     column: str
     unit: str = "m/s"
-    """A key of `SPEED_UNITS`."""
+    """A key of `units.SPEED_UNITS`."""
     name: str = ""
     """Name of the vehicle, as make and model."""
     relative_to: int = 0
@@ -81,7 +89,7 @@ class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
     column: str
     """The gap's, or where `minus` is given that of the position of the vehicle ahead."""
     unit: str = "m"
-    """A key of `GAP_UNITS`, also of the positions and of a column of lengths."""
+    """A key of `units.GAP_UNITS`, also of the positions and of a column of lengths."""
     subtract: Metres | str = 0.0
     """Length of the vehicle ahead in m, or its column, where the column holds a distance of
     positions."""
@@ -292,6 +300,45 @@ def _roles(mapping: CsvMapping) -> Iterator[tuple[str, str]]:
             yield "the lane", mapping.by.lane
         if mapping.by.position:
             yield "position", mapping.by.position
+
+
+def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
+    """The mapping changed as a finding about the data proposes.
+
+    Args:
+        mapping: which the data were read by.
+        cure: of a finding about them; units are those of all columns of the quantity.
+    """
+    speeds, gaps = list(mapping.speeds), list(mapping.gaps)
+    match cure:
+        case Exchange(vehicle):
+            if mapping.by:
+                return replace(mapping, gaps=(replace(gaps[0], reversed=not gaps[0].reversed),))
+            speeds[vehicle - 1], speeds[vehicle] = speeds[vehicle], speeds[vehicle - 1]
+        case Reverse(vehicle):
+            at = 0 if mapping.by else vehicle - 1
+            gaps[at] = replace(gaps[at], reversed=not gaps[at].reversed)
+        case Shift(channel, vehicle, seconds):
+            channels: list[Any] = speeds if channel == SPEED.column else gaps
+            at = 0 if mapping.by else vehicle - 1
+            shift = round(channels[at].shift + seconds, 3)
+            channels[at] = replace(channels[at], shift=shift)
+        case ReadAs():
+            speeds = [replace(speed, unit=cure.speed) for speed in speeds]
+            gaps = [replace(gap, unit=cure.gap) for gap in gaps]
+            if mapping.time and mapping.time.unit in consistency.TIME_UNITS:
+                mapping = replace(mapping, time=replace(mapping.time, unit=cure.time))
+    return replace(mapping, speeds=tuple(speeds), gaps=tuple(gaps))
+
+
+def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
+    """What would make gap and speeds agree, likeliest first, where they were read by a mapping."""
+    if not isinstance(finding, UnitsDiffer):
+        return finding.cures
+    at = 0 if mapping.by else finding.vehicle - 1
+    taken = ReadAs(mapping.speeds[at].unit, mapping.gaps[at].unit)
+    known = taken.speed in consistency.SPEED_UNITS and taken.gap in consistency.GAP_UNITS
+    return finding.units(taken) if known else ()
 
 
 def remember(mapping: CsvMapping, names: Sequence[str]) -> None:

@@ -22,9 +22,6 @@ from accpinn.findings import joined
 from accpinn.recordings import MOVING, clocks, consistency
 from accpinn.recordings.layouts import published_layout
 from accpinn.recordings.mapping import (
-    FRAME,
-    GAP_UNITS,
-    SPEED_UNITS,
     ByVehicle,
     CsvMapping,
     GapColumn,
@@ -35,7 +32,7 @@ from accpinn.recordings.mapping import (
 from accpinn.recordings.names import FOLLOWER, LEADER, ColumnName
 from accpinn.recordings.source import SourceFile
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Layout, first_cells, numbers_of
-from accpinn.units import FloatArray, Mask, Seconds
+from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Mask, Seconds
 
 ROWS = 20_000
 """Rows that a proposal looks at."""
@@ -251,13 +248,13 @@ def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, f
         draft.undecided.append("Choose the column of time, or even steps.")
         return None, None
     candidates.sort(key=lambda candidate: (
-        not candidate[1].supported, candidate[1].form == FRAME, not candidate[1].by_name,
+        not candidate[1].supported, candidate[1].form == clocks.FRAME, not candidate[1].by_name,
     ))  # fmt: skip
     column, recognised = candidates[0]
     for other, _ in candidates[1:]:
         draft.pass_over(other, f'"{column.text}" is the time')
     step = None
-    if recognised.form == FRAME:
+    if recognised.form == clocks.FRAME:
         draft.undecided.append(f'Give the time between two frames of "{column.text}".')
         step = 0.1
     draft.choose(column, "time", recognised.form, recognised.reason, recognised.supported)
@@ -288,7 +285,7 @@ def _wide(draft: _Draft) -> Proposal:
     if not gaps and speeds:
         positions = _in_order(draft.of("position"), len(speeds) + bool(relative))
     found = bool(gaps or positions)
-    if not found and not relative and time and time.unit != FRAME:
+    if not found and not relative and time and time.unit != clocks.FRAME:
         triple = _by_values(draft, time, speeds)
         if triple:
             return _from_values(draft, time, *triple)
@@ -476,6 +473,8 @@ def _units_of_data(
     gaps = [g.column for g in mapping.gaps if g.column in unnamed]
     slopes = _slopes(draft, mapping)
     if not slopes or slopes[0].is_vague:
+        if mapping.gaps[0].minus:
+            return _units_of_positions(draft, mapping, speeds)
         return mapping, *_usual_time_gap(draft, mapping)
     slope = abs(slopes[0].middle)
     candidates = []
@@ -495,6 +494,34 @@ def _units_of_data(
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
     return mapping, "the gap changes as the speeds demand", not are_several
+
+
+def _units_of_positions(
+    draft: _Draft, mapping: CsvMapping, unnamed: Sequence[str]
+) -> tuple[CsvMapping, str, bool]:
+    """The mapping in the units in which the position of the vehicle ahead changes as its speed."""
+    columns = {column.text: column for column in draft.columns}
+    time, speed, gap = _seconds(draft, mapping.time), mapping.speeds[0], mapping.gaps[0]
+    values, position = columns[speed.column].numbers, columns[gap.column].numbers
+    if time is None or values is None or position is None:
+        return mapping, "no unit is named", False
+    unit, reason, is_supported = _unit_by_way(time, values, position * GAP_UNITS[gap.unit])
+    if speed.column not in unnamed:
+        return mapping, reason, unit == speed.unit
+    speeds = tuple(replace(s, unit=unit) if s.column in unnamed else s for s in mapping.speeds)
+    return replace(mapping, speeds=speeds), reason, is_supported
+
+
+def _unit_by_way(
+    time: FloatArray, speed: FloatArray, position: FloatArray
+) -> tuple[str, str, bool]:
+    """The unit of a speed by the way that was driven meanwhile, the reason, and if it fits."""
+    driven = float(np.nansum((speed[1:] + speed[:-1]) / 2 * np.diff(time)))
+    ratio = abs((position[-1] - position[0]) / driven) if driven else np.nan
+    for unit, factor in SPEED_UNITS.items():
+        if abs(np.log(ratio / factor)) < np.log1p(FITS):
+            return unit, "the position changes as the speed says", True
+    return "m/s", f"no unit is named; the position changes {ratio:.2f} times as fast", False
 
 
 def _usual_time_gap(draft: _Draft, mapping: CsvMapping) -> tuple[str, bool]:
@@ -558,7 +585,7 @@ def _speed(columns: dict[str, _Column], mapping: CsvMapping, vehicle: int) -> Fl
 
 def _seconds(draft: _Draft, time: TimeColumn | None) -> FloatArray | None:
     """The time of the first rows in s, as far as it increases; None where it does not."""
-    if time is None or time.unit == FRAME:
+    if time is None or time.unit == clocks.FRAME:
         return None
     columns = {column.text: column for column in draft.columns}
     column = columns[time.column]
@@ -736,7 +763,12 @@ def _long_units(
     values = columns[speed.column].numbers
     if is_named:
         return mapping, "as the speed's", True
-    if position is None or values is None or mapping.time is None or mapping.time.unit == FRAME:
+    if (
+        position is None
+        or values is None
+        or mapping.time is None
+        or mapping.time.unit == clocks.FRAME
+    ):
         return mapping, "no unit is named", False
     cells = [
         cell for cell, is_of in zip(columns[mapping.time.column].cells, rows, strict=True) if is_of
@@ -745,14 +777,10 @@ def _long_units(
         seconds = clocks.seconds(cells, mapping.time.unit, columns[mapping.time.column].decimal)
     except clocks.TimeUnreadable:
         return mapping, "no unit is named", False
-    moved, elapsed = position[rows], np.diff(seconds)
-    driven = float(np.nansum(0.5 * (values[rows][1:] + values[rows][:-1]) * elapsed))
-    ratio = abs((moved[-1] - moved[0]) * GAP_UNITS[gap.unit] / driven) if driven else np.nan
-    for unit, factor in SPEED_UNITS.items():
-        if abs(np.log(ratio / factor)) < np.log1p(FITS / 2):
-            mapping = replace(mapping, speeds=(replace(speed, unit=unit),))
-            return mapping, "positions change as the speeds say", True
-    return mapping, f"no unit is named; positions change {ratio:.2f} times as fast", False
+    unit, reason, is_supported = _unit_by_way(
+        seconds, values[rows], position[rows] * GAP_UNITS[gap.unit]
+    )
+    return replace(mapping, speeds=(replace(speed, unit=unit),)), reason, is_supported
 
 
 # Runs and drivers

@@ -23,8 +23,9 @@ from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, joined
 from accpinn.recordings import Mode, Recording
+from accpinn.recordings.clocks import LONGEST_STEP, MISSING, SHORTEST_STEP
 from accpinn.recordings.source import SourceFile, excerpt
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """Separators in the order in which they are tried; the last stands for any white space."""
@@ -40,18 +41,8 @@ LONGEST_NAME = 60
 """Characters of a column's name in a sentence."""
 MINIMUM_SAMPLES = 10
 """Least number of rows of a recording."""
-SHORTEST_STEP: Seconds = 1e-3
-LONGEST_STEP: Seconds = 5.0
-"""Shortest and longest step of a recording; others suggest that the time is not in seconds."""
 LISTED = 12
 """Runs that a sentence names."""
-MISSING = frozenset((
-    "", "nan", "-nan", "na", "n/a", "n.a.", "<na>", "nat", "null", "nil", "none", "missing",
-    "-", "--", "---", ".", "?", "#n/a", "#n/a n/a", "#na", "#null!", "#div/0!", "#value!", "#ref!",
-    "#num!", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity", "1.#inf", "-1.#inf",
-    "1.#qnan", "-1.#ind", "1.#ind",
-))  # fmt: skip
-"""Words, in small letters, of a cell that holds no value."""
 UNIT_WORDS = frozenset((
     "s", "sec", "secs", "second", "seconds", "ms", "us", "µs", "ns", "min", "h", "hh:mm:ss",
     "m", "ft", "feet", "cm", "mm", "km", "m/s", "mps", "km/h", "kmh", "kph", "kmph", "mph", "mi/h",
