@@ -2,6 +2,7 @@
 
 import datetime
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -428,3 +429,22 @@ def test_a_column_without_a_name_is_time_if_its_steps_are_even() -> None:
     assert found is not None
     assert (found.form, found.by_name, found.by_values) == ("s", False, True)
     assert recognised("column 1", [f"{k / 10 + (k % 3) / 50}" for k in range(99)]) is None
+
+
+def test_only_the_time_of_an_openacc_run_is_recognised(openacc_dir: Path) -> None:
+    runs = 0
+    for path in sorted(openacc_dir.glob("*/*.csv"))[::6]:
+        rows = [line.split(",") for line in path.read_text("latin-1").splitlines()]
+        header = next((k for k, row in enumerate(rows) if row[0] == "Time"), None)
+        if header is None:
+            continue
+        columns = zip(
+            *(row for row in rows[header + 1 :] if len(row) == len(rows[header])), strict=True
+        )
+        forms = {
+            name: recognised(name, cells) for name, cells in zip(rows[header], columns, strict=True)
+        }
+        times = {name: form.form for name, form in forms.items() if form and form.supported}
+        assert times == {"Time": "s"}, path.name
+        runs += 1
+    assert runs
