@@ -936,8 +936,8 @@ def slope_of(
         return None
     lags = _lags(grid)
     lag = lags[0] if lags and _is_clear(lags[0], grid) else None
-    shifts = tuple(lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
-    line, correlation = _slope(grid, *shifts), _agreement(grid, *grid.sides(*shifts))
+    late, later = (lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
+    line, correlation = _slope(grid, late, later), _agreement(grid, *grid.sides(late, later))
     if line is None or correlation is None:
         return None
     error = max(line.error, abs(line.reverse - line.slope) / 2)

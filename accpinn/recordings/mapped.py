@@ -34,7 +34,7 @@ from accpinn.recordings.tables import (
     layout_of,
     read_columns,
 )
-from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Metres, Seconds
+from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Seconds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,7 +95,8 @@ def _columns(source_file: SourceFile, mapping: CsvMapping, layout: Layout) -> Co
     words += [mapping.trajectory] if mapping.trajectory else []
     numbers = [speed.column for speed in mapping.speeds]
     for gap in mapping.gaps:
-        numbers += [name for name in (gap.column, gap.minus, gap.subtract) if _is_name(name)]
+        named = (gap.column, gap.minus, gap.subtract)
+        numbers += [name for name in named if isinstance(name, str) and name]
     if by := mapping.by:
         words += [name for name in (by.vehicle, by.leader, by.lane) if name]
         numbers += [by.position] if by.position else []
@@ -104,10 +105,6 @@ def _columns(source_file: SourceFile, mapping: CsvMapping, layout: Layout) -> Co
     return read_columns(
         source_file, layout, tuple(dict.fromkeys(numbers)), tuple(dict.fromkeys(words))
     )
-
-
-def _is_name(column: str | Metres) -> bool:
-    return isinstance(column, str) and bool(column)
 
 
 def _stamps(columns: Columns, mapping: CsvMapping) -> tuple[str, FloatArray]:
@@ -149,7 +146,7 @@ def _wide(
         many = f"the run has {len(rows)} row{'s' * (len(rows) != 1)}"
         cure = f"choose another one, as a recording has at least {MINIMUM_SAMPLES}"
         raise columns.source_file.refusal(many, cure)
-    columns, findings = columns[rows], [*notes]
+    columns, findings = columns[rows], [*columns.source_file.contents.findings, *notes]
     at, stamps = _stamps(columns, mapping)
     stamps, _ = clocks.unwrapped(stamps)
     time = columns.time(at, stamps)
@@ -416,6 +413,6 @@ def _long(
         sha256=columns.source_file.sha256(trajectory),
         trajectory=trajectory,
         names={k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)},
-        findings=list(notes),
+        findings=[*columns.source_file.contents.findings, *notes],
         mapping=mapping,
     )  # fmt: skip

@@ -224,13 +224,11 @@ def _faults(mapping: CsvMapping) -> Iterator[str]:
     for k, gap in enumerate(mapping.gaps):
         if not isinstance(gap.subtract, str) and not np.isfinite(gap.subtract):
             yield f"gaps[{k}].subtract is no number; give the length of the vehicle ahead in m"
-    for place, channels in (("speeds", mapping.speeds), ("gaps", mapping.gaps)):
-        for k, channel in enumerate(channels):
-            if not abs(channel.shift) <= LONGEST_SHIFT:
-                yield (
-                    f"{place}[{k}].shift: {channel.shift:g} s is not allowed; choose at most"
-                    f" {LONGEST_SHIFT:g} s"
-                )
+    shifts = [(f"speeds[{k}]", speed.shift) for k, speed in enumerate(mapping.speeds)]
+    shifts += [(f"gaps[{k}]", gap.shift) for k, gap in enumerate(mapping.gaps)]
+    for place, shift in shifts:
+        if not abs(shift) <= LONGEST_SHIFT:
+            yield f"{place}.shift: {shift:g} s is not allowed; choose at most {LONGEST_SHIFT:g} s"
     roles: dict[str, str] = {}
     for place, column in _roles(mapping):
         if not column.strip():
@@ -337,7 +335,7 @@ def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
         return finding.cures
     at = 0 if mapping.by else finding.vehicle - 1
     taken = ReadAs(mapping.speeds[at].unit, mapping.gaps[at].unit)
-    known = taken.speed in consistency.SPEED_UNITS and taken.gap in consistency.GAP_UNITS
+    known = taken.speed in SPEED_UNITS and taken.gap in consistency.GAP_UNITS
     return finding.units(taken) if known else ()
 
 

@@ -91,7 +91,7 @@ class ColumnName:
         if self.unit_cell.strip():
             return self.unit_cell.strip(" []()").casefold()
         for inside in reversed(_BRACKETS.findall(self.name)):
-            unit = inside.strip().casefold()
+            unit = str(inside).strip().casefold()
             if unit in SPEED_ALIASES or unit in LENGTH_ALIASES or unit in _TIME_UNITS:
                 return unit
         lowered = self.name.casefold()

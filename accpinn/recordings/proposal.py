@@ -800,7 +800,7 @@ def _runs(draft: _Draft, time: TimeColumn | None) -> str | None:
 
 def _modes(draft: _Draft, mapping: CsvMapping, speeds: Sequence[_Column]) -> tuple[ModeColumn, ...]:
     """Columns that say who drives, by their names and words."""
-    modes = []
+    modes = list[ModeColumn]()
     for column in draft.columns:
         if column.text in draft.choices or column.name.quantity != "mode":
             continue

@@ -476,7 +476,8 @@ def numbers_of(cells: Sequence[str], decimal: str) -> FloatArray | None:
     filled = [value for cell, value in zip(cells, values, strict=True) if cell]
     if not filled or sum(value is None for value in filled) > len(filled) / 10:
         return None
-    return np.array([np.nan if value is None else value for value in values])
+    numbers: FloatArray = np.array(values, np.float64)  # None becomes nan
+    return numbers
 
 
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
