@@ -13,7 +13,8 @@ The public interface, in the order data flows:
 
     fit, compare                      a recording to a result, by one method or by several
     Analysis, Result, analyse, run    what is asked and what was found, and the way between them
-    read, Recording                   a CSV file of speeds and space-gaps
+    read, Recording                   a table of speeds and space-gaps
+    from_arrays, from_frame           the same from arrays or a pandas frame
     CsvMapping                        which columns of any other table hold what
     catalogue, download               the published runs, and their files
     cut, Segment                      a window of it and consecutive vehicles

@@ -28,6 +28,8 @@ from .platoon.leader import Brake as Brake
 from .platoon.leader import Sinusoid as Sinusoid
 from .platoon.leader import SpeedStep as SpeedStep
 from .recordings import Recording as Recording
+from .recordings.arrays import from_arrays as from_arrays
+from .recordings.arrays import from_frame as from_frame
 from .recordings.download import download as download
 from .recordings.files import read as read
 from .recordings.mapping import CsvMapping as CsvMapping

@@ -21,6 +21,7 @@ from accpinn.methods.registry import COMPARED, method_of, recommended_method
 from accpinn.model.cthp import Case
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import read
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, parse_windows
 from accpinn.study import Analysis, comparison, single_window, snapshot, verification
@@ -314,8 +315,13 @@ def verify(
     Raises:
         AccpinnError: when one of them cannot be read.
     """
-    known = None if recording is None else _recording(recording)
-    return verification.verify(snapshot.load(content), known, refit_within=refit_within)
+    snapshot_result = snapshot.load(content)
+    if recording is None or isinstance(recording, Recording):
+        known = recording
+    else:  # as it was read then
+        source = snapshot_result.analysis.source
+        known = _read(recording, source.trajectory, source.mapping)
+    return verification.verify(snapshot_result, known, refit_within=refit_within)
 
 
 def _data(source: str | os.PathLike[str] | Data) -> Data:
@@ -326,8 +332,12 @@ def _data(source: str | os.PathLike[str] | Data) -> Data:
 
 
 def _recording(source: object) -> Recording:
-    if isinstance(source, Recording):
-        return source
+    return source if isinstance(source, Recording) else _read(source)
+
+
+def _read(
+    source: object, trajectory: str | None = None, mapping: CsvMapping | None = None
+) -> Recording:
     if not isinstance(source, str | os.PathLike | bytes):
         raise ConfigError(f"recording: {repr(source)[:40]} is not allowed; choose a file's path.")
-    return read(source)
+    return read(source, trajectory=trajectory, mapping=mapping)

@@ -77,11 +77,16 @@ def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
     return HOWEVER_LONG if options.refit else 0.0 if options.quick else usual
 
 
-def _data_of(options: argparse.Namespace) -> Recording | None:
-    """The recording that the options name, if they name one."""
+def _data_of(options: argparse.Namespace, snapshot: Result) -> Recording | None:
+    """The recording that the options name, if they name one, read as that of the snapshot was."""
     if not options.recording:
         return None
-    return read(options.recording, trajectory=options.trajectory)
+    source = snapshot.analysis.source
+    return read(
+        options.recording,
+        trajectory=options.trajectory or source.trajectory,
+        mapping=source.mapping,
+    )
 
 
 def run_verify(options: argparse.Namespace) -> int:
@@ -93,7 +98,7 @@ def run_verify(options: argparse.Namespace) -> int:
     snapshot = load(options.file)
     verification = verify(
         snapshot,
-        _data_of(options),
+        _data_of(options, snapshot),
         refit_within=_patience(options, PATIENCE),
         on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
@@ -145,7 +150,7 @@ def run_report(options: argparse.Namespace) -> int:
     place = Path(beside if options.out is None else options.out)
     real = writable_path(place, "report")
     snapshot = load(options.file)
-    recording = _data_of(options)
+    recording = _data_of(options, snapshot)
     if recording and recording.sha256 != snapshot.info.sha256:
         raise RecordingError(
             f"{options.recording}: not the recording of this snapshot; give"

@@ -16,10 +16,10 @@ import msgspec
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.output import complain, interruptible, print_json, show, show_result
+from accpinn.cli.output import complain, interruptible, note, print_json, show, show_result
 from accpinn.recordings import FLAGS, Recording, facts_of
-from accpinn.recordings.files import read
-from accpinn.recordings.mapping import load_mapping
+from accpinn.recordings.files import opened, read
+from accpinn.recordings.mapping import load_mapping, write_mapping
 from accpinn.recordings.openacc import PUBLISHED_AT, Run, find
 from accpinn.results.messages import messages
 from accpinn.results.tables import Column, Table
@@ -36,13 +36,20 @@ def option(*names: str, **settings: Any) -> Option:
 
 JSON = option("--json", action="store_true", help="one JSON document")
 RECORDING = (
-    option("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)"),
+    option("file", metavar="FILE",
+           help="an OpenACC run, a table of pairs, or any table (csv, gz, xlsx, parquet, FCD xml)"),
     option("--trajectory", metavar="ID", help="which one of a table that holds several"),
     option("--mapping", metavar="JSON",
-           help="columns, units and sample time of any other table; remembered for its like"),
+           help="which columns of any other table hold what (info --propose prints one)"),
 )  # fmt: skip
 """The file of a recording, and what of it to take."""
-INFO_OPTIONS = (*RECORDING, JSON)
+INFO_OPTIONS = (
+    *RECORDING,
+    option("--propose", action="store_true",
+           help="print the mapping that the columns' names, units and values propose, as JSON;"
+           " the reasons on standard error"),
+    JSON,
+)  # fmt: skip
 DOWNLOAD_OPTIONS = (
     option("names", nargs="*", metavar="CAMPAIGN|FILE", help="runs of the catalogue (all)"),
     option("--to", metavar="FOLDER", help="where recordings are kept (ACCPINN_RECORDINGS)"),
@@ -59,9 +66,24 @@ def chosen_recording(options: argparse.Namespace) -> Recording:
 
 
 def run_info(options: argparse.Namespace) -> int:
-    """Print what a recording holds, and what to know about it."""
+    """Print what a recording holds, and what to know about it; or the mapping that is proposed."""
+    if options.propose:
+        return _propose(options.file)
     recording = chosen_recording(options)
     show_result(options, lambda: _describe_recording(recording), lambda: _recording_text(recording))
+    return 0
+
+
+def _propose(file: str) -> int:
+    """Print the proposed mapping of a table, and why."""
+    opened_file = opened(file)
+    proposal = opened_file.proposal
+    for choice in proposal.choices:
+        role = f"{choice.role}{f' [{choice.unit}]' if choice.unit else ''}" or "not used"
+        note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
+    for question in proposal.undecided:
+        note(f"Open: {question}")
+    show(write_mapping(proposal.mapping).decode())
     return 0
 
 

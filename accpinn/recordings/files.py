@@ -23,6 +23,9 @@ LONGEST_SUMMARY = 200
 """Characters of what a sentence says about how columns were read."""
 
 
+_OFFER = "map its columns on page Home, or by --mapping (info --propose prints a proposal)"
+
+
 class ColumnsProposed(Finding, frozen=True):
     """The table was read by a mapping that nobody gave."""
 
@@ -78,13 +81,13 @@ def read_all(
         RecordingError: when the file as a whole cannot be read.
     """
     file = opened(source, name, mapping)
-    file = replace(file, mapping=file.supported_mapping, notes=file.read_as)
-    if not any(run.trajectories for run in file.runs):
+    runs = replace(file, mapping=file.supported_mapping, notes=file.read_as).runs
+    if not any(run.trajectories for run in runs):
         yield file.read()
         return
-    for run in file.runs:
+    for run in runs:
         try:
-            yield run.read()
+            yield file.checked(run.read())
         except RecordingError as fault:
             yield fault
 
@@ -183,15 +186,22 @@ class File:
         return run.read() if run else openacc.read(self.content)
 
     def _read_as_proposed(self, trajectory: str | None) -> Recording:
-        offer = "map its columns on page Home, or by --mapping (info --propose prints a proposal)"
         if not self.proposal.is_supported:
             question = excerpt(self.proposal.undecided[0].rstrip("."), 120)
-            raise self.content.refusal(f"its columns leave open: {question}", offer)
+            raise self.content.refusal(f"its columns leave open: {question}", _OFFER)
         file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
-        recording = file.read(trajectory)
-        if against := contradictions(recording):
+        return self.checked(file.read(trajectory))
+
+    def checked(self, recording: Recording) -> Recording:
+        """The recording, unless nobody gave its mapping and the data contradict it.
+
+        Raises:
+            RecordingError: with the contradiction.
+        """
+        against = contradictions(recording) if self.is_unknown else ()
+        if against:
             sentence = excerpt(against[0].sentence(recording).rstrip("."), 180)
-            raise self.content.refusal(sentence, offer)
+            raise self.content.refusal(sentence, _OFFER)
         return recording
 
 

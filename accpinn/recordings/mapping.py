@@ -57,7 +57,7 @@ TIME_UNITS = (*FORMS, FRAME)
 LONGEST_SHIFT: Seconds = 60.0
 
 
-class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column of time."""
 
     column: str
@@ -67,7 +67,7 @@ class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     """The column of the date, where it is not in the same one."""
 
 
-class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column of a vehicle's speed."""
 
     column: str
@@ -83,7 +83,7 @@ class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
     """Seconds to add to the column's times, as its logger's clock was wrong by as much."""
 
 
-class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column of the space-gap in front of a follower, or the columns of two positions."""
 
     column: str
@@ -110,7 +110,7 @@ class MappingRemembered(Finding, frozen=True):
     )
 
 
-class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column that says who controls a vehicle."""
 
     vehicle: int
@@ -122,7 +122,7 @@ class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     """Words for manual driving."""
 
 
-class ByVehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class ByVehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The columns that tell vehicles apart in a table of one row a vehicle and instant."""
 
     vehicle: str
@@ -134,7 +134,7 @@ class ByVehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_de
     """Position along the lane."""
 
 
-class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The columns of a table by what they hold."""
 
     speeds: tuple[SpeedColumn, ...]
@@ -182,8 +182,14 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
 
 
 def write_mapping(mapping: CsvMapping) -> bytes:
-    """The JSON document of a mapping, without what has its default."""
-    return msgspec.json.format(msgspec.json.encode(mapping), indent=2)
+    """The JSON document of a mapping, without what is empty or zero."""
+    return msgspec.json.format(msgspec.json.encode(_filled(msgspec.to_builtins(mapping))), indent=2)
+
+
+def _filled(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _filled(part) for key, part in value.items() if part or key == "column"}
+    return [_filled(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def check_mapping(mapping: CsvMapping, name: str = "mapping") -> None:

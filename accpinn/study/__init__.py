@@ -19,6 +19,7 @@ from accpinn.methods.registry import METHODS, method_of, recommended_method, seg
 from accpinn.model.cthp import Case
 from accpinn.model.spec import RECOMMENDED_SPEC, ModelSpec
 from accpinn.recordings import Recording, Window
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
@@ -41,12 +42,14 @@ class Source:
     """The trajectory of a table with several; None where the file holds one run."""
     data: str
     """SHA-256 of what was read: times, speeds, space-gaps and driver modes."""
+    mapping: CsvMapping | None = None
+    """How a table was read, so that it can be read again; `data` is in the key in its place."""
 
     @classmethod
     def of(cls, recording: Recording) -> Self:
         """The source that a recording is."""
         about = (recording.source, recording.sha256, recording.trajectory)
-        return cls(*about, recording.data_digest)
+        return cls(*about, recording.data_digest, recording.mapping)
 
 
 @dataclass(frozen=True)

@@ -335,7 +335,7 @@ class _Batch:
         """
         with reported(lambda reason: RecordingError(f"it cannot be opened ({reason})")):
             raw = file.read_bytes()
-        mapping = opened(raw, file.name, self._request.mapping).mapping
+        mapping = opened(raw, file.name, self._request.mapping).supported_mapping
         digest = sha256(raw).hexdigest()
         earlier = self._digests.setdefault(digest, file)
         if earlier != file:

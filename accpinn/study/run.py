@@ -131,7 +131,7 @@ def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
     data = sha256(" ".join(segment.info.digest for segment in segments).encode())
     return replace(
         asked,
-        source=Source(first.source, first.sha256, None, data.hexdigest()),
+        source=Source(first.source, first.sha256, None, data.hexdigest(), asked.source.mapping),
         vehicles=first.vehicles,
         windows=tuple(segment.window for segment in segments),
         excluded=first.excluded_regimes,

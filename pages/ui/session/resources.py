@@ -9,6 +9,7 @@ import streamlit as st
 from accpinn.errors import RecordingError, SegmentError
 from accpinn.methods.registry import METHODS, VARIANTS
 from accpinn.recordings import Recording, Window, files
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
@@ -78,8 +79,10 @@ def title_of_variant(name: str) -> str:
 # The server's own recordings, samples and files of its folder
 
 
-def find_recording(file: str, sha256: str, trajectory: str | None = None) -> Recording:
-    """The recording with that content, from the server's folder or the samples.
+def find_recording(
+    file: str, sha256: str, trajectory: str | None = None, mapping: CsvMapping | None = None
+) -> Recording:
+    """The recording with that content, from the server's folder or the samples, read as before.
 
     Raises:
         RecordingError: where none is there.
@@ -87,7 +90,7 @@ def find_recording(file: str, sha256: str, trajectory: str | None = None) -> Rec
     name = file.partition(", trajectory ")[0]
     for path in (path for path in (*samples(), *listed()) if path.name == name):
         with suppress(RecordingError):  # another file of that name
-            known = files.opened(path)
+            known = files.opened(path, mapping=mapping)
             if known.content.sha256(trajectory) == sha256:
                 return known.read(trajectory)
     raise RecordingError(

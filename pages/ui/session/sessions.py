@@ -297,7 +297,9 @@ def resume(workspace: Workspace, document: bytes) -> None:
         workspace.take(asked)
         workspace.awaited = asked
         source = asked.source
-        workspace.open(find_recording(source.name, source.sha256, source.trajectory))
+        workspace.open(
+            find_recording(source.name, source.sha256, source.trajectory, source.mapping)
+        )
 
 
 def result_of(name: str) -> Result:

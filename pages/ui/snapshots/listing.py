@@ -299,5 +299,7 @@ def restore_run(workspace: Workspace, name: str) -> None:
     source = result.analysis.source
     known = workspace.opened.get(source.sha256)
     with suppress(RecordingError):
-        known = known or find_recording(source.name, source.sha256, source.trajectory)
+        known = known or find_recording(
+            source.name, source.sha256, source.trajectory, source.mapping
+        )
     workspace.restore(result, known)
