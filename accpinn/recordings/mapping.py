@@ -316,9 +316,15 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
     speeds, gaps = list(mapping.speeds), list(mapping.gaps)
     match cure:
         case Exchange(vehicle):
-            if mapping.by:
-                return replace(mapping, gaps=(replace(gaps[0], reversed=not gaps[0].reversed),))
-            speeds[vehicle - 1], speeds[vehicle] = speeds[vehicle], speeds[vehicle - 1]
+            pair = range(0, 1) if mapping.by else range(vehicle - 1, vehicle + 1)
+            relative = [k for k in pair if speeds[k].relative_to]
+            if mapping.by:  # who is ahead is named in the table
+                gaps[0] = replace(gaps[0], reversed=not gaps[0].reversed)
+            elif relative:
+                at = relative[0]
+                speeds[at] = replace(speeds[at], reversed=not speeds[at].reversed)
+            else:
+                speeds[vehicle - 1], speeds[vehicle] = speeds[vehicle], speeds[vehicle - 1]
         case Reverse(vehicle):
             at = 0 if mapping.by else vehicle - 1
             gaps[at] = replace(gaps[at], reversed=not gaps[at].reversed)

@@ -1,6 +1,7 @@
 """Commands on files and given numbers: what they print, where they write, what they refuse."""
 
 import html
+import json
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from accpinn import Sinusoid, load, measured_gain, simulate_platoon, stability_report
 from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
+from accpinn.recordings.mapping import load_mapping
 from accpinn.results.export import ABOUT_ACC, ABOUT_IDM
 from accpinn.results.report import render_report
 from accpinn.stability.head_to_tail import head_to_tail_peaks
@@ -199,18 +201,44 @@ def test_a_trajectory_of_a_table_of_pairs(capsys: Capture, tmp_path: Path) -> No
     fitted = document(capsys, "fit", path, *chosen, *METHOD, "--duration", 30, "--out", kept)
     assert fitted["segment"]["vehicles"] == [1, 2]
     assert "choose a trajectory (--trajectory): 7, 9" in refused(capsys, 1, "info", path)
-    assert "choose a trajectory" in refused(capsys, 1, "verify", kept, "--recording", path)
-    found = document(capsys, "verify", kept, "--recording", path, *chosen)
+    found = document(capsys, "verify", kept, "--recording", path)  # the snapshot names it
     assert found["ok"] is True
     assert "--recording" not in {one["cure"] for one in found["not_checked"]}
 
 
-def test_a_mapping_serves_every_command_and_is_remembered(capsys: Capture, tmp_path: Path) -> None:
+def test_a_mapping_serves_every_command_and_is_kept_in_the_snapshot(
+    capsys: Capture, tmp_path: Path
+) -> None:
+    path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
+    kept = tmp_path / "mine.accpinn.zip"
+    foreign(frame(401)).to_csv(path, index=False)
+    assert "--mapping" in refused(capsys, 1, "info", path)
+    mapping.write_text(MAPPING)
+    document(capsys, "fit", path, "--mapping", mapping, *METHOD, "--out", kept)
+    assert "--mapping" in refused(capsys, 1, "info", path)  # nothing is remembered
+    assert load(kept).analysis.source.mapping == load_mapping(mapping)
+    verified = document(capsys, "verify", kept, "--recording", path)
+    assert verified["ok"] is True
+    assert "--recording" not in [check["cure"] for check in verified["not_checked"]]
+
+
+def test_a_proposed_mapping_is_printed_and_can_be_given(capsys: Capture, tmp_path: Path) -> None:
+    path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
+    made = platoon(2, 400)
+    named = {"Time": "t [s]", "Speed1": "v lead [km/h]", "Speed2": "v ego [km/h]", "IVS1": "gap"}
+    made[["Speed1", "Speed2"]] *= 3.6
+    made.rename(columns=named).to_csv(path, index=False)
+    assert main(["info", str(path), "--propose"]) == 0
+    printed = capsys.readouterr()
+    assert [speed["unit"] for speed in json.loads(printed.out)["speeds"]] == ["km/h", "km/h"]
+    mapping.write_text(printed.out)
+    by_hand = document(capsys, "fit", path, "--mapping", mapping, *METHOD)
+    assert document(capsys, "fit", path, *METHOD)["parameters"] == by_hand["parameters"]
+
+
+def test_an_empty_mapping_is_refused(capsys: Capture, tmp_path: Path) -> None:
     path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
     foreign(frame(401)).to_csv(path, index=False)
-    mapping.write_text(MAPPING)
-    first = document(capsys, "fit", path, "--mapping", mapping, *METHOD)
-    assert document(capsys, "fit", path, *METHOD)["parameters"] == first["parameters"]
     mapping.write_text("{}")
     said = refused(capsys, 1, "info", path, "--mapping", mapping)
     assert "mapping.json: this is no mapping" in said

@@ -56,7 +56,8 @@ def test_equal_questions_have_equal_keys(tmp_path: Path) -> None:
     assert others[-1] == ASKED
 
 
-OTHERS = {"case": "I", "method": "splines"}
+MAPPING = {"speeds": [{"column": "a"}, {"column": "b"}], "gaps": [{"column": "c"}]}
+OTHERS = {"case": "I", "method": "splines", "source.mapping": MAPPING}
 
 
 def changed(leaf: Any) -> Any:
@@ -68,7 +69,7 @@ def changed(leaf: Any) -> Any:
 @given(st.data())
 def test_whatever_determines_the_estimate_changes_the_key(data: st.DataObject) -> None:
     tree = dump(ASKED)[0]
-    told = {"source.name", "source.sha256", "source.trajectory"}
+    told = {"source.name", "source.sha256", "source.trajectory", "source.mapping"}
     places = list(flatten(tree))
     place, leaf = data.draw(st.sampled_from(places))
     put(tree, place.split("."), OTHERS.get(place, changed(leaf)))
