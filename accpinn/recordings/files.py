@@ -14,7 +14,7 @@ from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
 from accpinn.recordings.consistency import GapJumps, Inconsistency
-from accpinn.recordings.mapping import CsvMapping, MappingRemembered, recall, remember
+from accpinn.recordings.mapping import CsvMapping, MappingRemembered, keep_mapping, kept_mapping
 from accpinn.recordings.proposal import Proposal, proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
@@ -44,7 +44,7 @@ def read(
     *,
     trajectory: str | None = None,
     mapping: CsvMapping | None = None,
-    is_remembered: bool = False,
+    remember: bool = False,
 ) -> Recording:
     """Read a recording.
 
@@ -53,20 +53,20 @@ def read(
         name: file name to show; needed for bytes only.
         trajectory: which one of a table that holds several; any pair of a platoon names it.
         mapping: which columns hold what, for a table of one's own.
-        is_remembered: whether the mapping is kept for the next file with the same column names,
-            and one that was kept is used; only if no finding contradicts it.
+        remember: whether the mapping is kept for the next file with the same column names, unless
+            a finding contradicts it, and whether one that was kept is used.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
     file = opened(source, name, mapping)
-    if not is_remembered:
+    if not remember:
         return file.read(trajectory)
-    if file.is_unknown and (known := recall(file.names)):
+    if file.is_unknown and (known := kept_mapping(file.names)):
         return replace(file, mapping=known, notes=(MappingRemembered(),)).read(trajectory)
     recording = file.read(trajectory)
     if mapping and not contradictions(recording):
-        remember(mapping, file.names)
+        keep_mapping(mapping, file.names)
     return recording
 
 

@@ -351,7 +351,7 @@ def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
     return finding.units(taken) if known else ()
 
 
-def remember(mapping: CsvMapping, names: Sequence[str]) -> None:
+def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
     """Keep a mapping for the next file with these column names; a full disk is no fault."""
     place = _place(names)
     with suppress(OSError):
@@ -359,7 +359,7 @@ def remember(mapping: CsvMapping, names: Sequence[str]) -> None:
         write_whole(place, write_mapping(mapping))
 
 
-def recall(names: Sequence[str]) -> CsvMapping | None:
+def kept_mapping(names: Sequence[str]) -> CsvMapping | None:
     """The mapping kept for files with these column names; None where there is none."""
     try:
         return parse_mapping(_place(names).read_bytes())

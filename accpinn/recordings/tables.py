@@ -402,7 +402,7 @@ class Columns:
         if len(stamps) < 2:
             raise self.refusal("the trajectory has one row", "choose another trajectory", column, 0)
         # From the first sample on, so that a large origin costs no digits.
-        time = stamps - stamps[0]
+        time: FloatArray = stamps - stamps[0]
         steps = np.diff(time)
         backward = np.flatnonzero(steps <= 0)
         if len(backward):
