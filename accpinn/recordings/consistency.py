@@ -65,10 +65,16 @@ LEAST_LAG: Seconds = 0.3
 """Least shift of a clock that is reported; filters of sensors delay by up to 0.2 s."""
 LAG_STEP: Seconds = 0.5
 """Step of shifts that are tried before the best is refined."""
-LAG_ERROR: Seconds = 0.15
+LAG_ERROR: Seconds = 0.35
 """Largest standard error of a shift that is reported."""
 LAG_GAIN = 2.5
-"""Least factor by which a shift reduces the variance of residuals."""
+"""Least factor by which a shift reduces the variance of residuals, in which receivers' wandering
+errors count more than in the standard error."""
+SHARP_LAG = 15.0
+"""Standard errors of a shift from which on a smaller factor is enough; the sound recordings of the
+OpenACC database have up to 12."""
+SHARP_LAG_GAIN = 1.2
+"""The least factor then."""
 CHANNEL_GAIN = 1.2
 """Least factor by which the residuals of the next channel exceed those of the one that is named."""
 JUMP: Metres = 3.0
@@ -591,6 +597,11 @@ class _Line:
         return least - margin, most + margin
 
     @property
+    def correlation(self) -> float:
+        """The correlation of both sides."""
+        return float(np.sign(self.slope) * np.sqrt(self.slope / self.reverse))
+
+    @property
     def middle(self) -> float:
         """The geometric mean of both slopes."""
         return float(np.sign(self.slope) * np.sqrt(self.slope * self.reverse))
@@ -636,6 +647,12 @@ class _Lag:
         """The sum of squared residuals."""
         return float(self.line.residuals @ self.line.residuals)
 
+    @property
+    def of_speeds(self) -> tuple[Seconds, Seconds]:
+        """By how much later the speeds ahead and behind are to be taken."""
+        ahead, behind = SHIFTED[self.clock]
+        return ahead * self.seconds, behind * self.seconds
+
     def shift(self, vehicle: int) -> Shift:
         """The cure."""
         if self.clock == THE_GAP:  # the speeds are late as against the gap
@@ -657,7 +674,7 @@ def _lags(grid: _Grid) -> list[_Lag]:
     most = round(LONGEST_LAG / LAG_STEP)
     whole = np.unique(np.round(LAG_STEP * np.arange(-most, most + 1) / grid.step).astype(int))
     increments = [grid._increment(c, 0.0, grid.window) for c in (grid.ahead, grid.behind)]
-    place = np.flatnonzero(inside)
+    place = np.flatnonzero(inside)[:: grid.window // 2]  # increments overlap by half
     chosen = gap[place]
 
     def moved(clock: int, steps: int) -> FloatArray:
@@ -729,18 +746,27 @@ def _refined(grid: _Grid, counts: Mask, clock: int, start: Seconds) -> _Lag | No
     return _Lag(clock, lag, error, last[1])
 
 
-def _is_clear(best: _Lag, grid: _Grid) -> bool:
-    """Whether a lag is large, sharply determined, and explains most of the residuals."""
-    if not LEAST_LAG <= abs(best.seconds) <= LONGEST_LAG - LAG_STEP:
-        return False
+def _clear(grid: _Grid, lags: list[_Lag]) -> list[_Lag]:
+    """Those of the lags, best first, that explain the residuals alike, if that is clear.
+
+    Then the best one is large, sharply determined and explains much of the residuals, and none is
+    so small that a sensor's filter may be the cause.
+    """
+    if not lags or not LEAST_LAG <= abs(lags[0].seconds) <= LONGEST_LAG - LAG_STEP:
+        return []
+    best = lags[0]
     if not best.error <= min(LAG_ERROR, abs(best.seconds) / (2 * SURE)):
-        return False
+        return []
     gap, integral = grid.sides()
     used = (best.line.residuals != 0) & np.isfinite(integral)
     line = _line(gap, integral, used, 1)
-    if line is None:
-        return False
-    return float(line.residuals @ line.residuals) > LAG_GAIN * best.squares
+    is_sharp = best.error <= abs(best.seconds) / SHARP_LAG
+    gain = SHARP_LAG_GAIN if is_sharp else LAG_GAIN
+    if line is None or line.residuals @ line.residuals < gain * best.squares:
+        return []
+    block = _block(grid, len(gap))
+    alike = [best, *(lag for lag in lags[1:] if _alike(best, lag, block))]
+    return alike if min(abs(lag.seconds) for lag in alike) >= LEAST_LAG else []
 
 
 def _alike(best: _Lag, other: _Lag, block: int) -> bool:
@@ -791,8 +817,8 @@ def _jumps(pair: Pair, slope: float, ahead: Seconds, behind: Seconds) -> GapJump
         sharpest = np.abs(around[guard:] - around[:-guard]).max()
         if calm > JUMP_FLANK * abs(size) or sharpest < JUMP_SHARP * abs(size):
             continue
-        steps = np.diff(rest[k + half - 1 : k + span + 1]) * np.sign(size)
-        at = k + half - 1 + int(steps.argmax()) + 1
+        steps = np.diff(rest[k : k + span + half]) * np.sign(size)
+        at = k + int(steps.argmax()) + 1
         jumps.append((round(float(time[at]), 6), round(size, 3)))
     if not jumps:
         return None
@@ -836,30 +862,31 @@ def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
     if grid is None or pair.time[-1] - pair.time[0] <= 2 * grid.window * grid.step:
         return
     lags = _lags(grid)
-    block = _block(grid, len(grid.ahead.values))
-    lag = lags[0] if lags and _is_clear(lags[0], grid) else None
-    ahead, behind = (lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
-    if lag:
-        shifts = [lag] + [
-            other
-            for other in lags[1:]
-            if abs(other.seconds) >= LEAST_LAG and _alike(lag, other, block)
-        ]
-        yield ClocksDiffer(
-            pair.vehicle, tuple(other.shift(pair.vehicle) for other in shifts), lag.error
-        )
+    if clear := _clear(grid, lags):
+        shifts = tuple(lag.shift(pair.vehicle) for lag in clear)
+        yield ClocksDiffer(pair.vehicle, shifts, clear[0].error)
+    ahead, behind = clear[0].of_speeds if clear else (0.0, 0.0)
     slope = _slope(grid, ahead, behind)
+    is_off = slope is not None and _is_off(slope)
+    if is_off and lags and not clear:  # a lag that is not clear may be the cause
+        shifted = _slope(grid, *lags[0].of_speeds)
+        is_off = shifted is not None and _is_off(shifted)
     factor = 1.0
     if slope:
-        factor = slope.middle if _is_off(slope) else float(np.sign(slope.slope))
+        factor = slope.middle if is_off else float(np.sign(slope.slope))
     jumps = _jumps(pair, factor, ahead, behind)
+    is_reversed = slope is not None and max(slope.ends) < 0
+    if is_reversed and lags and not clear:  # as with the slope
+        is_reversed = lags[0].line.slope < 0
     correlation = _agreement(grid, *_without(grid, jumps, pair, ahead, behind))
-    if correlation is not None and abs(correlation) < AGREEMENT_LIMIT:
+    if correlation is not None and correlation < AGREEMENT_LIMIT and not is_reversed:
         yield GapContradictsSpeeds(pair.vehicle, correlation)
         return
-    if correlation is not None and correlation < 0:
-        yield SignReversed(pair.vehicle, correlation, bool(np.nanmedian(pair.gap) < 0))
-    if correlation is not None and slope and _is_off(slope):
+    if slope and is_reversed:
+        is_negative = bool(np.nanmedian(pair.gap) < 0)
+        value = slope.correlation if correlation is None else correlation
+        yield SignReversed(pair.vehicle, value, is_negative)
+    if slope and is_off:
         error = max(slope.error, abs(slope.reverse - slope.slope) / 2)
         yield UnitsDiffer(pair.vehicle, abs(slope.middle), error)
     if jumps:
