@@ -7,6 +7,7 @@ It is compared as increments over a window W, so that noise of single samples do
     p(t + W) - p(t) = b ∫ [v_ahead(s + δ_ahead) - v_behind(s + δ_behind)] ds + c
 
     sign     b < 0: the two speeds are exchanged, or the gap has the other sign
+    offset   c: one of the speeds is in another unit than the other
     clocks   the shifts δ for which both sides correlate best, where one channel alone is shifted
     units    b, by least squares and by the reverse regression: the slope lies between the two
              whatever the noise of either side (Frisch, Statistical Confluence Analysis, 1934)
@@ -59,6 +60,18 @@ SLOPES = 0.75, 1.33
 """Slopes that count as sound; the sound recordings of the OpenACC database have 0.82 to 1.11."""
 SLOPE_TOLERANCE = 0.04
 """Relative difference of a slope from that of a unit which explains it."""
+UNIT_TOLERANCE = 0.08
+"""Relative difference from a unit of one speed that explains an offset."""
+OFFSET: MetresPerSecond = 1.5
+"""Least mean of dp/dt - Δv that is reported; wheel speeds are wrong by up to 3 %."""
+OFFSET_SHARE = 0.05
+"""The least one as a share of the larger speed."""
+SAME_MOTION = 0.9
+"""Least correlation where an offset that no unit of one speed explains has another cause."""
+MOVING_GAP: MetresPerSecond = 0.15
+"""Least median of |dp/dt| that contradicts speeds which are equal throughout."""
+STEADY_GAP = 0.3
+"""Largest median of dp/dt as a share of the larger speed; a position changes by more."""
 LONGEST_LAG: Seconds = 5.0
 """Largest shift of a clock that is sought."""
 LEAST_LAG: Seconds = 0.3
@@ -159,8 +172,15 @@ class ReadAs(msgspec.Struct, frozen=True, tag=True):
         return tuple((name, unit) for name, unit in units.items() if unit != getattr(taken, name))
 
 
+class ReadSpeedAs(msgspec.Struct, frozen=True, tag=True):
+    """Read the speed of one vehicle in another unit."""
+
+    vehicle: int
+    unit: str
+
+
 SI = ReadAs()
-Cure = Exchange | Reverse | Shift | ReadAs
+Cure = Exchange | Reverse | Shift | ReadAs | ReadSpeedAs
 
 
 def units_for(
@@ -293,6 +313,42 @@ class UnitsDiffer(Inconsistency, frozen=True):
         misread = [f"{name}s in {unit} read as {taken}" for name, taken, unit in self.misread]
         listed = (fitting or misread)[:UNITS_LISTED]
         cause = f" ({joined(listed, 'or')} would fit)" if listed else ""
+        return {**super()._words(about), "cause": cause}
+
+
+class SpeedsApart(Inconsistency, frozen=True):
+    """The mean difference of two speeds is far from what the space-gap between them changes by."""
+
+    text = (
+        "The speeds of vehicles {ahead} and {behind} differ by {offset:+.1f} m/s on average beyond"
+        " what {gap} changes by: {cause}."
+    )
+
+    offset: MetresPerSecond
+    """The mean of Δv - dp/dt."""
+    ratios: tuple[float, float]
+    """What the speed ahead, or that behind, has to be multiplied by so that they agree."""
+
+    def units(self, taken: tuple[str, str] = ("m/s", "m/s")) -> tuple[ReadSpeedAs, ...]:
+        """Units of one speed that would do, where both were read as ``taken``; best fit first."""
+        fitting = []
+        for vehicle, ratio, now in zip(
+            (self.vehicle, self.follower), self.ratios, taken, strict=True
+        ):
+            for unit, size in SPEED_UNITS.items():
+                misfit = abs(size / SPEED_UNITS[now] / ratio - 1) if ratio > 0 else np.inf
+                if unit != now and misfit < UNIT_TOLERANCE:
+                    fitting.append((misfit, ReadSpeedAs(vehicle, unit)))
+        return tuple(cure for _, cure in sorted(fitting, key=lambda fit: fit[0]))
+
+    @property
+    def cures(self) -> tuple[Cure, ...]:
+        """The units that would do, where both were taken as m/s."""
+        return self.units()
+
+    def _words(self, about: Labelled) -> Words:
+        fitting = [f"{SPEED.of(cure.vehicle)} in {cure.unit}" for cure in self.units()]
+        cause = f"{joined(fitting, 'or')} would fit" if fitting else "check both columns"
         return {**super()._words(about), "cause": cause}
 
 
@@ -861,6 +917,9 @@ def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
     grid = pair.grid
     if grid is None or pair.time[-1] - pair.time[0] <= 2 * grid.window * grid.step:
         return
+    if apart := _apart(pair.vehicle, grid):
+        yield apart
+        return
     lags = _lags(grid)
     if clear := _clear(grid, lags):
         shifts = tuple(lag.shift(pair.vehicle) for lag in clear)
@@ -893,6 +952,35 @@ def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
         yield jumps
     if computed := _computed(pair):
         yield computed
+
+
+def _apart(vehicle: int, grid: _Grid) -> SpeedsApart | GapContradictsSpeeds | None:
+    """What the means of both sides, or a gap that moves without speeds, have against them."""
+    gap, integral = grid.sides()
+    known = np.isfinite(gap) & np.isfinite(integral)
+    if known.sum() < AGREEMENT_MINIMUM:
+        return None
+    lasting = grid.window * grid.step
+    # Medians, as a jump moves the mean of a short drive.
+    offset = float(np.median((integral - gap)[known])) / lasting
+    rate = float(np.median(gap[known])) / lasting
+    speeds = [float(np.mean(channel.rates)) for channel in (grid.ahead, grid.behind)]
+    if abs(offset) > max(OFFSET, OFFSET_SHARE * max(speeds)) and min(speeds) > 0:
+        beyond = float(np.mean((integral - gap)[known])) / lasting
+        ratios = (speeds[0] - beyond) / speeds[0], (speeds[1] + beyond) / speeds[1]
+        finding = SpeedsApart(vehicle, offset, ratios)
+        line = _line(gap, integral, _counted(gap, integral), _block(grid, len(gap)))
+        correlation = line.correlation if line else 0.0
+        # Both sides of a short drive may move alike, with another sign or in other units.
+        is_scaled = line is not None and abs(correlation) > SAME_MOTION
+        is_scaled &= line is not None and (line.slope < 0 or _is_off(line))
+        if finding.cures or not is_scaled:
+            is_steady = abs(rate) < STEADY_GAP * max(speeds)
+            return finding if is_steady else GapContradictsSpeeds(vehicle, correlation)
+    is_moving = np.median(np.abs(gap[known])) > MOVING_GAP * lasting
+    if is_moving and not np.abs(integral[known]).max() > 1e-9:
+        return GapContradictsSpeeds(vehicle, 0.0)
+    return None
 
 
 def _slope(grid: _Grid, ahead: Seconds, behind: Seconds) -> _Line | None:

@@ -20,9 +20,11 @@ from accpinn.recordings.consistency import (
     Inconsistency,
     Pair,
     ReadAs,
+    ReadSpeedAs,
     Reverse,
     Shift,
     SignReversed,
+    SpeedsApart,
     UnitsDiffer,
     agreement,
     inconsistencies,
@@ -150,7 +152,8 @@ def test_recordings_at_hand(folder: str, request: pytest.FixtureRequest) -> None
             ("JRC-VC_260219_part3.csv", 4): (5, -63),
         }
     else:
-        assert files and not found
+        assert files
+        assert not found
 
 
 # Power
@@ -278,6 +281,25 @@ def test_a_running_sum_of_recorded_speeds() -> None:
             assert not finding.is_contradiction
 
 
+def test_one_speed_in_another_unit_than_the_other() -> None:
+    for k in EVERY:
+        pair = sensed(k)
+        ahead = only(SpeedsApart, altered(pair, ahead=3.6 * pair.ahead))
+        assert ahead.cures[0] == ReadSpeedAs(1, "km/h")
+        behind = only(SpeedsApart, altered(pair, behind=pair.behind / 0.44704))
+        assert behind.cures[0] == ReadSpeedAs(2, "mph")
+        foreign = only(SpeedsApart, altered(pair, behind=pair.behind * 3.6 * 0.44704))
+        assert ReadSpeedAs(2, "mph") in foreign.units(("km/h", "km/h"))
+        assert only(SpeedsApart, altered(pair, ahead=pair.ahead + 3.0)).offset > 2.5
+
+
+def test_one_column_for_two_speeds_or_a_position_for_the_gap() -> None:
+    for k in MOVING:
+        pair = sensed(k)
+        assert any(inconsistencies(altered(pair, ahead=pair.behind)))
+        assert any(inconsistencies(altered(pair, gap=np.cumsum(pair.ahead) / 10.0)))
+
+
 def test_a_gap_that_has_nothing_to_do_with_the_speeds() -> None:
     pair, rng = sensed(1), np.random.default_rng(2)
     wandering = 30 + np.cumsum(rng.normal(0, 0.1, len(pair.gap)))
@@ -325,6 +347,7 @@ def test_findings_of_a_segment_survive_a_snapshot() -> None:
     findings = [
         SignReversed(1, -0.9, True),
         UnitsDiffer(1, 0.3, 0.01),
+        SpeedsApart(1, 40.0, (0.28, 3.6)),
         ClocksDiffer(1, (Shift("IVS", 1, -0.8),), 0.02),
         GapJumps(1, (10.0,), (-12.0,)),
         GapComputed(1, 0.99),
