@@ -288,7 +288,7 @@ def test_one_speed_in_another_unit_than_the_other() -> None:
         assert ahead.cures[0] == ReadSpeedAs(1, "km/h")
         behind = only(SpeedsApart, altered(pair, behind=pair.behind / 0.44704))
         assert behind.cures[0] == ReadSpeedAs(2, "mph")
-        foreign = only(SpeedsApart, altered(pair, behind=pair.behind * 3.6 * 0.44704))
+        foreign = only(SpeedsApart, altered(pair, behind=pair.behind / 3.6 / 0.44704))
         assert ReadSpeedAs(2, "mph") in foreign.units(("km/h", "km/h"))
         assert only(SpeedsApart, altered(pair, ahead=pair.ahead + 3.0)).offset > 2.5
 
@@ -337,8 +337,9 @@ def test_sentences_are_short() -> None:
         *inconsistencies(coarse_sum()),
         many,
         clocks,
+        SpeedsApart(1, -40.0, (0.62, 1.609)),
     ]
-    assert len(found) == 6
+    assert len(found) == 7
     for finding in found:
         assert len(finding.sentence(Cast())) <= 300
 
