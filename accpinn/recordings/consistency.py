@@ -524,10 +524,9 @@ class _Grid:
     ) -> tuple[FloatArray, FloatArray]:
         """(n - W,) increments of the gap and of the integral, the speeds shifted; NaN in holes."""
         window = window or self.window
-        gap = self._increment(self.gap, 0.0, window)
+        gap = self.increment(self.gap, 0.0, window)
         return gap, (
-            self._increment(self.ahead, ahead, window)
-            - self._increment(self.behind, behind, window)
+            self.increment(self.ahead, ahead, window) - self.increment(self.behind, behind, window)
         )
 
     def sensitivity(self, clock: int, lag: Seconds) -> FloatArray:
@@ -542,18 +541,22 @@ class _Grid:
         """(n,) values a time ``lag`` later; NaN beyond the end."""
         if not lag:
             return values
-        places = np.arange(len(values)) + lag / self.step
-        first = np.floor(places).astype(int)
-        part = places - first
-        outside = (first < 0) | (first + 1 >= len(values))
-        first = first.clip(0, len(values) - 2)
-        shifted = values[first] * (1 - part) + values[first + 1] * part
-        shifted[outside] = np.nan
-        return np.asarray(shifted)
+        whole, part = divmod(lag / self.step, 1.0)
+        first, count = int(whole), len(values)
+        between = values[:-1] * (1 - part) + values[1:] * part
+        shifted = np.full(count, np.nan)
+        start, end = max(0, -first), min(count, count - 1 - first)
+        if start < end:
+            shifted[start:end] = between[start + first : end + first]
+        return shifted
 
-    def _increment(self, channel: _Channel, lag: Seconds, window: int) -> FloatArray:
-        values, holes = self._at(channel.values, lag), self._at(channel.holes, lag)
+    def increment(self, channel: _Channel, lag: Seconds, window: int) -> FloatArray:
+        """(n - W,) increments of a channel that is taken later by a lag; NaN in holes."""
+        values = self._at(channel.values, lag)
         change = values[window:] - values[:-window]
+        if not channel.holes[-1]:
+            return np.asarray(change)
+        holes = self._at(channel.holes, lag)
         return np.where(holes[window:] - holes[:-window] > 1e-9, np.nan, change)
 
 
@@ -620,6 +623,20 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
     first, second = first - first.mean(), second - second.mean()
     size = float(np.sqrt((first @ first) * (second @ second)))
     return float(first @ second) / size if size > 1e-12 else 0.0
+
+
+def _correlations(values: FloatArray, others: FloatArray) -> FloatArray:
+    """(L,) size of the correlation of values (n,) with others (L, n), where these are known."""
+    known = np.isfinite(others)
+    number = np.maximum(known.sum(axis=1), 1)
+    values = values - values.mean()
+    x, y = np.where(known, others, 0.0), np.where(known, values, 0.0)
+    x = np.where(known, x - (x.sum(axis=1) / number)[:, None], 0.0)
+    y = np.where(known, y - (y.sum(axis=1) / number)[:, None], 0.0)
+    sizes = np.sqrt((x * x).sum(axis=1) * (y * y).sum(axis=1))
+    shared = np.abs((x * y).sum(axis=1))
+    is_enough = (number > AGREEMENT_MINIMUM) & (sizes > 1e-12)
+    return np.where(is_enough, shared / np.where(is_enough, sizes, 1.0), 0.0)
 
 
 def _counted(gap: FloatArray, integral: FloatArray) -> Mask:
@@ -729,28 +746,19 @@ def _lags(grid: _Grid) -> list[_Lag]:
         return []
     most = round(LONGEST_LAG / LAG_STEP)
     whole = np.unique(np.round(LAG_STEP * np.arange(-most, most + 1) / grid.step).astype(int))
-    increments = [grid._increment(c, 0.0, grid.window) for c in (grid.ahead, grid.behind)]
     place = np.flatnonzero(inside)[:: grid.window // 2]  # increments overlap by half
-    chosen = gap[place]
-
-    def moved(clock: int, steps: int) -> FloatArray:
+    rows = (place + whole[:, None]).clip(0, len(gap) - 1)
+    speeds = [grid.increment(channel, 0.0, grid.window) for channel in (grid.ahead, grid.behind)]
+    still, moved = (tuple(speed[index] for speed in speeds) for index in (place, rows))
+    best = []
+    for clock, factors in SHIFTED.items():
         ahead, behind = (
-            part[np.clip(place + round(factor) * steps, 0, len(part) - 1)]
-            for part, factor in zip(increments, SHIFTED[clock], strict=True)
+            m if factor else s for s, m, factor in zip(still, moved, factors, strict=True)
         )
-        return np.asarray(ahead - behind)
-
-    def match(clock: int, steps: int) -> float:
-        other = moved(clock, steps)
-        known = np.isfinite(other)
-        return abs(_correlation(chosen[known], other[known])) if known.sum() > 30 else 0.0
-
-    best = sorted(
-        (max((match(clock, steps), steps, clock) for steps in whole.tolist()) for clock in SHIFTED),
-        reverse=True,
-    )
+        matches = _correlations(gap[place], ahead - behind)
+        best.append((float(matches.max()), int(whole[matches.argmax()]), clock))
     lags = []
-    for _, steps, clock in best:
+    for _, steps, clock in sorted(best, reverse=True):
         lag = _refined(grid, counts, clock, steps * grid.step)
         lags += [lag] if lag else []
         if len(lags) == 1 and abs(lags[0].seconds) < LEAST_LAG:
