@@ -7,6 +7,7 @@ It is compared as increments over a window W, so that noise of single samples do
     p(t + W) - p(t) = b ∫ [v_ahead(s + δ_ahead) - v_behind(s + δ_behind)] ds + c
 
     sign     b < 0: the two speeds are exchanged, or the gap has the other sign
+    offset   c: one of the speeds is in another unit than the other
     clocks   the shifts δ for which both sides correlate best, where one channel alone is shifted
     units    b, by least squares and by the reverse regression: the slope lies between the two
              whatever the noise of either side (Frisch, Statistical Confluence Analysis, 1934)
@@ -68,16 +69,34 @@ SLOPES = 0.75, 1.33
 """Slopes that count as sound; the sound recordings of the OpenACC database have 0.82 to 1.11."""
 SLOPE_TOLERANCE = 0.04
 """Relative difference of a slope from that of a unit which explains it."""
+UNIT_TOLERANCE = 0.08
+"""Relative difference from a unit of one speed that explains an offset."""
+OFFSET: MetresPerSecond = 1.5
+"""Least mean of dp/dt - Δv that is reported; wheel speeds are wrong by up to 3 %."""
+OFFSET_SHARE = 0.05
+"""The least one as a share of the larger speed."""
+SAME_MOTION = 0.9
+"""Least correlation where an offset that no unit of one speed explains has another cause."""
+MOVING_GAP: MetresPerSecond = 0.15
+"""Least median of |dp/dt| that contradicts speeds which are equal throughout."""
+STEADY_GAP = 0.3
+"""Largest median of dp/dt as a share of the larger speed; a position changes by more."""
 LONGEST_LAG: Seconds = 5.0
 """Largest shift of a clock that is sought."""
 LEAST_LAG: Seconds = 0.3
 """Least shift of a clock that is reported; filters of sensors delay by up to 0.2 s."""
 LAG_STEP: Seconds = 0.5
 """Step of shifts that are tried before the best is refined."""
-LAG_ERROR: Seconds = 0.15
+LAG_ERROR: Seconds = 0.35
 """Largest standard error of a shift that is reported."""
 LAG_GAIN = 2.5
-"""Least factor by which a shift reduces the variance of residuals."""
+"""Least factor by which a shift reduces the variance of residuals, in which receivers' wandering
+errors count more than in the standard error."""
+SHARP_LAG = 15.0
+"""Standard errors of a shift from which on a smaller factor is enough; the sound recordings of the
+OpenACC database have up to 12."""
+SHARP_LAG_GAIN = 1.2
+"""The least factor then."""
 CHANNEL_GAIN = 1.2
 """Least factor by which the residuals of the next channel exceed those of the one that is named."""
 JUMP: Metres = 3.0
@@ -163,8 +182,15 @@ class ReadAs(msgspec.Struct, frozen=True, tag=True):
         return tuple((name, unit) for name, unit in units.items() if unit != getattr(taken, name))
 
 
+class ReadSpeedAs(msgspec.Struct, frozen=True, tag=True):
+    """Read the speed of one vehicle in another unit."""
+
+    vehicle: int
+    unit: str
+
+
 SI = ReadAs()
-Cure = Exchange | Reverse | Shift | ReadAs
+Cure = Exchange | Reverse | Shift | ReadAs | ReadSpeedAs
 
 
 def units_for(
@@ -297,6 +323,42 @@ class UnitsDiffer(Inconsistency, frozen=True):
         misread = [f"{name}s in {unit} read as {taken}" for name, taken, unit in self.misread]
         listed = (fitting or misread)[:UNITS_LISTED]
         cause = f" ({joined(listed, 'or')} would fit)" if listed else ""
+        return {**super()._words(about), "cause": cause}
+
+
+class SpeedsApart(Inconsistency, frozen=True):
+    """The mean difference of two speeds is far from what the space-gap between them changes by."""
+
+    text = (
+        "The speeds of vehicles {ahead} and {behind} differ by {offset:+.1f} m/s on average beyond"
+        " what {gap} changes by: {cause}."
+    )
+
+    offset: MetresPerSecond
+    """The mean of Δv - dp/dt."""
+    ratios: tuple[float, float]
+    """What the speed ahead, or that behind, has to be multiplied by so that they agree."""
+
+    def units(self, taken: tuple[str, str] = ("m/s", "m/s")) -> tuple[ReadSpeedAs, ...]:
+        """Units of one speed that would do, where both were read as ``taken``; best fit first."""
+        fitting = []
+        for vehicle, ratio, now in zip(
+            (self.vehicle, self.follower), self.ratios, taken, strict=True
+        ):
+            for unit, size in SPEED_UNITS.items():
+                misfit = abs(size / SPEED_UNITS[now] / ratio - 1) if ratio > 0 else np.inf
+                if unit != now and misfit < UNIT_TOLERANCE:
+                    fitting.append((misfit, ReadSpeedAs(vehicle, unit)))
+        return tuple(cure for _, cure in sorted(fitting, key=lambda fit: fit[0]))
+
+    @property
+    def cures(self) -> tuple[Cure, ...]:
+        """The units that would do, where both were taken as m/s."""
+        return self.units()
+
+    def _words(self, about: Labelled) -> Words:
+        fitting = [f"{SPEED.of(cure.vehicle)} in {cure.unit}" for cure in self.units()]
+        cause = f"{joined(fitting, 'or')} would fit" if fitting else "check both columns"
         return {**super()._words(about), "cause": cause}
 
 
@@ -472,10 +534,9 @@ class _Grid:
     ) -> tuple[FloatArray, FloatArray]:
         """(n - W,) increments of the gap and of the integral, the speeds shifted; NaN in holes."""
         window = window or self.window
-        gap = self._increment(self.gap, 0.0, window)
+        gap = self.increment(self.gap, 0.0, window)
         return gap, (
-            self._increment(self.ahead, ahead, window)
-            - self._increment(self.behind, behind, window)
+            self.increment(self.ahead, ahead, window) - self.increment(self.behind, behind, window)
         )
 
     def sensitivity(self, clock: int, lag: Seconds) -> FloatArray:
@@ -490,18 +551,22 @@ class _Grid:
         """(n,) values a time ``lag`` later; NaN beyond the end."""
         if not lag:
             return values
-        places = np.arange(len(values)) + lag / self.step
-        first = np.floor(places).astype(int)
-        part = places - first
-        outside = (first < 0) | (first + 1 >= len(values))
-        first = first.clip(0, len(values) - 2)
-        shifted = values[first] * (1 - part) + values[first + 1] * part
-        shifted[outside] = np.nan
-        return np.asarray(shifted)
+        whole, part = divmod(lag / self.step, 1.0)
+        first, count = int(whole), len(values)
+        between = values[:-1] * (1 - part) + values[1:] * part
+        shifted = np.full(count, np.nan)
+        start, end = max(0, -first), min(count, count - 1 - first)
+        if start < end:
+            shifted[start:end] = between[start + first : end + first]
+        return shifted
 
-    def _increment(self, channel: _Channel, lag: Seconds, window: int) -> FloatArray:
-        values, holes = self._at(channel.values, lag), self._at(channel.holes, lag)
+    def increment(self, channel: _Channel, lag: Seconds, window: int) -> FloatArray:
+        """(n - W,) increments of a channel that is taken later by a lag; NaN in holes."""
+        values = self._at(channel.values, lag)
         change = values[window:] - values[:-window]
+        if not channel.holes[-1]:
+            return np.asarray(change)
+        holes = self._at(channel.holes, lag)
         return np.where(holes[window:] - holes[:-window] > 1e-9, np.nan, change)
 
 
@@ -570,6 +635,20 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
     return float(first @ second) / size if size > 1e-12 else 0.0
 
 
+def _correlations(values: FloatArray, others: FloatArray) -> FloatArray:
+    """(L,) size of the correlation of values (n,) with others (L, n), where these are known."""
+    known = np.isfinite(others)
+    number = np.maximum(known.sum(axis=1), 1)
+    values = values - values.mean()
+    x, y = np.where(known, others, 0.0), np.where(known, values, 0.0)
+    x = np.where(known, x - (x.sum(axis=1) / number)[:, None], 0.0)
+    y = np.where(known, y - (y.sum(axis=1) / number)[:, None], 0.0)
+    sizes = np.sqrt((x * x).sum(axis=1) * (y * y).sum(axis=1))
+    shared = np.abs((x * y).sum(axis=1))
+    is_enough = (number > AGREEMENT_MINIMUM) & (sizes > 1e-12)
+    return np.where(is_enough, shared / np.where(is_enough, sizes, 1.0), 0.0)
+
+
 def _counted(gap: FloatArray, integral: FloatArray) -> Mask:
     """(n,) where both are known and do not differ by an outlier."""
     rest = gap - integral
@@ -599,6 +678,11 @@ class _Line:
         margin = SURE * self.error
         least, most = sorted((self.slope, self.reverse))
         return least - margin, most + margin
+
+    @property
+    def correlation(self) -> float:
+        """The correlation of both sides."""
+        return float(np.sign(self.slope) * np.sqrt(self.slope / self.reverse))
 
     @property
     def middle(self) -> float:
@@ -646,6 +730,12 @@ class _Lag:
         """The sum of squared residuals."""
         return float(self.line.residuals @ self.line.residuals)
 
+    @property
+    def of_speeds(self) -> tuple[Seconds, Seconds]:
+        """By how much later the speeds ahead and behind are to be taken."""
+        ahead, behind = SHIFTED[self.clock]
+        return ahead * self.seconds, behind * self.seconds
+
     def shift(self, vehicle: int) -> Shift:
         """The cure."""
         if self.clock == THE_GAP:  # the speeds are late as against the gap
@@ -666,28 +756,19 @@ def _lags(grid: _Grid) -> list[_Lag]:
         return []
     most = round(LONGEST_LAG / LAG_STEP)
     whole = np.unique(np.round(LAG_STEP * np.arange(-most, most + 1) / grid.step).astype(int))
-    increments = [grid._increment(c, 0.0, grid.window) for c in (grid.ahead, grid.behind)]
-    place = np.flatnonzero(inside)
-    chosen = gap[place]
-
-    def moved(clock: int, steps: int) -> FloatArray:
+    place = np.flatnonzero(inside)[:: grid.window // 2]  # increments overlap by half
+    rows = (place + whole[:, None]).clip(0, len(gap) - 1)
+    speeds = [grid.increment(channel, 0.0, grid.window) for channel in (grid.ahead, grid.behind)]
+    still, moved = (tuple(speed[index] for speed in speeds) for index in (place, rows))
+    best = []
+    for clock, factors in SHIFTED.items():
         ahead, behind = (
-            part[np.clip(place + round(factor) * steps, 0, len(part) - 1)]
-            for part, factor in zip(increments, SHIFTED[clock], strict=True)
+            m if factor else s for s, m, factor in zip(still, moved, factors, strict=True)
         )
-        return np.asarray(ahead - behind)
-
-    def match(clock: int, steps: int) -> float:
-        other = moved(clock, steps)
-        known = np.isfinite(other)
-        return abs(_correlation(chosen[known], other[known])) if known.sum() > 30 else 0.0
-
-    best = sorted(
-        (max((match(clock, steps), steps, clock) for steps in whole.tolist()) for clock in SHIFTED),
-        reverse=True,
-    )
+        matches = _correlations(gap[place], ahead - behind)
+        best.append((float(matches.max()), int(whole[matches.argmax()]), clock))
     lags = []
-    for _, steps, clock in best:
+    for _, steps, clock in sorted(best, reverse=True):
         lag = _refined(grid, counts, clock, steps * grid.step)
         lags += [lag] if lag else []
         if len(lags) == 1 and abs(lags[0].seconds) < LEAST_LAG:
@@ -739,18 +820,27 @@ def _refined(grid: _Grid, counts: Mask, clock: int, start: Seconds) -> _Lag | No
     return _Lag(clock, lag, error, last[1])
 
 
-def _is_clear(best: _Lag, grid: _Grid) -> bool:
-    """Whether a lag is large, sharply determined, and explains most of the residuals."""
-    if not LEAST_LAG <= abs(best.seconds) <= LONGEST_LAG - LAG_STEP:
-        return False
+def _clear(grid: _Grid, lags: list[_Lag]) -> list[_Lag]:
+    """Those of the lags, best first, that explain the residuals alike, if that is clear.
+
+    Then the best one is large, sharply determined and explains much of the residuals, and none is
+    so small that a sensor's filter may be the cause.
+    """
+    if not lags or not LEAST_LAG <= abs(lags[0].seconds) <= LONGEST_LAG - LAG_STEP:
+        return []
+    best = lags[0]
     if not best.error <= min(LAG_ERROR, abs(best.seconds) / (2 * SURE)):
-        return False
+        return []
     gap, integral = grid.sides()
     used = (best.line.residuals != 0) & np.isfinite(integral)
     line = _line(gap, integral, used, 1)
-    if line is None:
-        return False
-    return float(line.residuals @ line.residuals) > LAG_GAIN * best.squares
+    is_sharp = best.error <= abs(best.seconds) / SHARP_LAG
+    gain = SHARP_LAG_GAIN if is_sharp else LAG_GAIN
+    if line is None or line.residuals @ line.residuals < gain * best.squares:
+        return []
+    block = _block(grid, len(gap))
+    alike = [best, *(lag for lag in lags[1:] if _alike(best, lag, block))]
+    return alike if min(abs(lag.seconds) for lag in alike) >= LEAST_LAG else []
 
 
 def _alike(best: _Lag, other: _Lag, block: int) -> bool:
@@ -801,8 +891,8 @@ def _jumps(pair: Pair, slope: float, ahead: Seconds, behind: Seconds) -> GapJump
         sharpest = np.abs(around[guard:] - around[:-guard]).max()
         if calm > JUMP_FLANK * abs(size) or sharpest < JUMP_SHARP * abs(size):
             continue
-        steps = np.diff(rest[k + half - 1 : k + span + 1]) * np.sign(size)
-        at = k + half - 1 + int(steps.argmax()) + 1
+        steps = np.diff(rest[k : k + span + half]) * np.sign(size)
+        at = k + int(steps.argmax()) + 1
         jumps.append((round(float(time[at]), 6), round(size, 3)))
     if not jumps:
         return None
@@ -845,37 +935,70 @@ def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
     grid = pair.grid
     if grid is None or pair.time[-1] - pair.time[0] <= 2 * grid.window * grid.step:
         return
+    if apart := _apart(pair.vehicle, grid):
+        yield apart
+        return
     lags = _lags(grid)
-    block = _block(grid, len(grid.ahead.values))
-    lag = lags[0] if lags and _is_clear(lags[0], grid) else None
-    ahead, behind = (lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
-    if lag:
-        shifts = [lag] + [
-            other
-            for other in lags[1:]
-            if abs(other.seconds) >= LEAST_LAG and _alike(lag, other, block)
-        ]
-        yield ClocksDiffer(
-            pair.vehicle, tuple(other.shift(pair.vehicle) for other in shifts), lag.error
-        )
+    if clear := _clear(grid, lags):
+        shifts = tuple(lag.shift(pair.vehicle) for lag in clear)
+        yield ClocksDiffer(pair.vehicle, shifts, clear[0].error)
+    ahead, behind = clear[0].of_speeds if clear else (0.0, 0.0)
     slope = _slope(grid, ahead, behind)
+    is_off = slope is not None and _is_off(slope)
+    if is_off and lags and not clear:  # a lag that is not clear may be the cause
+        shifted = _slope(grid, *lags[0].of_speeds)
+        is_off = shifted is not None and _is_off(shifted)
     factor = 1.0
     if slope:
-        factor = slope.middle if _is_off(slope) else float(np.sign(slope.slope))
+        factor = slope.middle if is_off else float(np.sign(slope.slope))
     jumps = _jumps(pair, factor, ahead, behind)
+    is_reversed = slope is not None and max(slope.ends) < 0
+    if is_reversed and lags and not clear:  # as with the slope
+        is_reversed = lags[0].line.slope < 0
     correlation = _agreement(grid, *_without(grid, jumps, pair, ahead, behind))
-    if correlation is not None and abs(correlation) < AGREEMENT_LIMIT:
+    if correlation is not None and correlation < AGREEMENT_LIMIT and not is_reversed:
         yield GapContradictsSpeeds(pair.vehicle, correlation)
         return
-    if correlation is not None and correlation < 0:
-        yield SignReversed(pair.vehicle, correlation, bool(np.nanmedian(pair.gap) < 0))
-    if correlation is not None and slope and _is_off(slope):
+    if slope and is_reversed:
+        is_negative = bool(np.nanmedian(pair.gap) < 0)
+        value = slope.correlation if correlation is None else correlation
+        yield SignReversed(pair.vehicle, value, is_negative)
+    if slope and is_off:
         error = max(slope.error, abs(slope.reverse - slope.slope) / 2)
         yield UnitsDiffer(pair.vehicle, abs(slope.middle), error)
     if jumps:
         yield jumps
     if computed := _computed(pair):
         yield computed
+
+
+def _apart(vehicle: int, grid: _Grid) -> SpeedsApart | GapContradictsSpeeds | None:
+    """What the means of both sides, or a gap that moves without speeds, have against them."""
+    gap, integral = grid.sides()
+    known = np.isfinite(gap) & np.isfinite(integral)
+    if known.sum() < AGREEMENT_MINIMUM:
+        return None
+    lasting = grid.window * grid.step
+    # Medians, as a jump moves the mean of a short drive.
+    offset = float(np.median((integral - gap)[known])) / lasting
+    rate = float(np.median(gap[known])) / lasting
+    speeds = [float(np.mean(channel.rates)) for channel in (grid.ahead, grid.behind)]
+    if abs(offset) > max(OFFSET, OFFSET_SHARE * max(speeds)) and min(speeds) > 0:
+        beyond = float(np.mean((integral - gap)[known])) / lasting
+        ratios = (speeds[0] - beyond) / speeds[0], (speeds[1] + beyond) / speeds[1]
+        finding = SpeedsApart(vehicle, offset, ratios)
+        line = _line(gap, integral, _counted(gap, integral), _block(grid, len(gap)))
+        correlation = line.correlation if line else 0.0
+        # Both sides of a short drive may move alike, with another sign or in other units.
+        is_scaled = line is not None and abs(correlation) > SAME_MOTION
+        is_scaled &= line is not None and (line.slope < 0 or _is_off(line))
+        if finding.cures or not is_scaled:
+            is_steady = abs(rate) < STEADY_GAP * max(speeds)
+            return finding if is_steady else GapContradictsSpeeds(vehicle, correlation)
+    is_moving = np.median(np.abs(gap[known])) > MOVING_GAP * lasting
+    if is_moving and not np.abs(integral[known]).max() > 1e-9:
+        return GapContradictsSpeeds(vehicle, 0.0)
+    return None
 
 
 def _slope(grid: _Grid, ahead: Seconds, behind: Seconds) -> _Line | None:
@@ -934,10 +1057,9 @@ def slope_of(
     grid = Pair(1, time, ahead, behind, gap).grid
     if grid is None or time[-1] - time[0] <= 2 * grid.window * grid.step:
         return None
-    lags = _lags(grid)
-    lag = lags[0] if lags and _is_clear(lags[0], grid) else None
-    late, later = (lag.seconds * f for f in SHIFTED[lag.clock]) if lag else (0.0, 0.0)
-    line, correlation = _slope(grid, late, later), _agreement(grid, *grid.sides(late, later))
+    clear = _clear(grid, _lags(grid))
+    shifts = clear[0].of_speeds if clear else (0.0, 0.0)
+    line, correlation = _slope(grid, *shifts), _agreement(grid, *grid.sides(*shifts))
     if line is None or correlation is None:
         return None
     error = max(line.error, abs(line.reverse - line.slope) / 2)

@@ -26,6 +26,7 @@ from accpinn.recordings.consistency import (
     GapContradictsSpeeds,
     GapJumps,
     SignReversed,
+    SpeedsApart,
     UnitsDiffer,
 )
 from accpinn.recordings.mapping import MappingRemembered
@@ -181,6 +182,7 @@ SegmentFinding = (
     | GapContradictsSpeeds
     | SignReversed
     | UnitsDiffer
+    | SpeedsApart
     | ClocksDiffer
     | GapJumps
     | GapComputed

@@ -11,7 +11,14 @@ import pytest
 from accpinn import recordings as data
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings import Mode, Recording, Window, agreement, openacc, source
+from accpinn.recordings import Mode, Recording, Window, openacc, source
+from accpinn.recordings.consistency import (
+    GapContradictsSpeeds,
+    GapJumps,
+    Inconsistency,
+    UnitsDiffer,
+    agreement,
+)
 from accpinn.recordings.openacc import Run, catalogue, read
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
@@ -199,7 +206,7 @@ def test_7_time_may_start_anywhere(first: float) -> None:
 def contradicts(recording: Recording, start: float, vehicles: tuple[int, ...]) -> bool:
     """Whether the gap of a pair is said to contradict its speeds in 12 s from a start on."""
     findings = cut(recording, start, 12.0, vehicles).findings
-    return any(isinstance(found, data.GapContradictsSpeeds) for found in findings)
+    return any(isinstance(found, Inconsistency) for found in findings)
 
 
 @pytest.mark.parametrize(
@@ -212,14 +219,14 @@ def test_units_that_differ_are_seen_by_how_fast_the_gap_changes(
     frame = platoon(2)
     frame[[name for name in frame if name.startswith(column)]] *= factor
     recording = read(csv(frame, metadata("AB")), "run.csv")
-    first = found(data.GapContradictsSpeeds, recording)
+    first = found(UnitsDiffer, recording)
     assert first.vehicle == 1
     assert first.slope == pytest.approx(slope, rel=0.02)
     assert contradicts(recording, 0.0, (1, 2))
     assert not plan(recording, 30.0)
     told = {type(one) for one in left_out(recording, ())}
     above = {data.ValuesOutOfRange} if factor == 3.6 else set()
-    assert told == {data.GapContradictsSpeeds} | above
+    assert told == {UnitsDiffer} | above
 
 
 def test_9_a_gap_that_contradicts_the_speeds() -> None:
@@ -227,11 +234,11 @@ def test_9_a_gap_that_contradicts_the_speeds() -> None:
     rng = np.random.default_rng(1)
     frame["IVS2"] = 30 + np.cumsum(rng.normal(0, 0.1, len(frame)))
     recording = read(csv(frame), "run.csv")
-    assert agreement(recording, 1) == pytest.approx(1.0, abs=1e-3)
-    assert abs(agreement(recording, 2)) < 0.5
-    contradiction = found(data.GapContradictsSpeeds, recording)
+    assert agreement(recording.pair(1)) == pytest.approx(1.0, abs=1e-3)
+    assert abs(agreement(recording.pair(2))) < 0.5
+    contradiction = found(GapContradictsSpeeds, recording)
     assert contradiction.vehicle == 2
-    assert (contradiction.correlation, contradiction.slope) == (agreement(recording, 2), None)
+    assert contradiction.correlation == pytest.approx(agreement(recording.pair(2)), abs=0.1)
     # It goes with the windows of the vehicle in which it is so, and a batch leaves them out.
     assert contradicts(recording, 0.0, (2, 3))
     assert not contradicts(recording, 0.0, (1, 2))
@@ -248,7 +255,7 @@ def test_9_a_gap_that_contradicts_the_speeds() -> None:
     frame["IVS1"] = gap
     # Vehicles at rest to each other are not judged.
     frame["Speed3"] = frame["Speed2"]
-    assert agreement(read(csv(frame), "run.csv"), 2) is None
+    assert agreement(read(csv(frame), "run.csv").pair(2)) is None
 
 
 def test_10_names_keep_their_spelling_in_any_encoding() -> None:
@@ -474,8 +481,9 @@ def test_every_file_of_the_folder_loads_or_is_refused(openacc_dir: Path) -> None
         assert (recording.campaign, recording.samples, recording.present) == facts
         assert (recording.is_even, recording.sample_time) == (True, 0.1)
         assert known[file] in (None, recording.sha256)
-        kinds = (f for f in recording.findings if isinstance(f, data.GapContradictsSpeeds))
+        kinds = [f for f in recording.findings if isinstance(f, Inconsistency)]
         assert [f.vehicle for f in kinds] == ([4] if recording.campaign == "Vicolungo" else [])
+        assert all(isinstance(f, GapJumps) for f in kinds)
     assert not {name for name in loaded if name.startswith("corrupt/")}
     for words in ("row 570: NUL bytes", "the file is empty"):
         assert any(words in sentence for sentence in refused)

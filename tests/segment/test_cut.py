@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.recordings import GapContradictsSpeeds, Window
+from accpinn.recordings import Window
+from accpinn.recordings.consistency import Inconsistency
 from accpinn.segment import BlocksMissing, Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from accpinn.segment.cut import (
     DECIMALS,
@@ -63,7 +64,7 @@ def test_a_step_with_endless_digits_puts_no_window_off_its_samples(rate: int) ->
     segment = cut(recording(frame), start=90.0, duration=300.0)
     assert (segment.samples, segment.start) == (300 * rate + 1, 90.0)
     # Its gaps change as at 10 Hz, which is too fast for its speeds.
-    assert all(isinstance(found, GapContradictsSpeeds) for found in segment.findings)
+    assert all(isinstance(found, Inconsistency) for found in segment.findings)
     assert segment.speeds[0, 0] == round(frame["Speed1"][90 * rate], DECIMALS)
 
 

@@ -326,7 +326,12 @@ def test_long_departures_from_car_following_interrupt_and_a_long_setting_does_no
     further: float, rows: slice, count: int
 ) -> None:
     frame = platoon(2, 4000)
-    frame.loc[rows, "IVS1"] += further
+    index = frame.index[rows]
+    away = np.full(len(index), float(further))
+    if len(index) < len(frame):  # the leader drives off, and slows down again
+        away *= np.sin(np.linspace(0, np.pi, len(index))) ** 2
+    frame.loc[index, "Speed1"] += np.gradient(away, 0.1)
+    frame.loc[index, "IVS1"] += away
     assert len(windows(recording(frame, "AB"), np.inf)) == count
 
 

@@ -57,3 +57,20 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert figure.layout.yaxis4.categoryarray == ("3", "2")
     assert "missing" in figures.strip_key(ribbons[1])
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
+
+
+def test_jumps_of_a_chosen_gap_are_marked() -> None:
+    frame = platoon(3, 600)
+    frame.loc[200:, "IVS2"] += 15.0
+    run = recording(frame)
+    figure = figures.overview(run, (1, 2, 3), Window(0.0, 15.0))
+    (marks,) = (trace for trace in figure.data if trace.mode == "markers")
+    assert (list(marks.x), marks.yaxis) == ([20.0], "y2")
+    assert marks.customdata == pytest.approx([15.0], abs=0.5)
+    assert marks.y == pytest.approx(run.gap[200, 1])
+    assert "customdata" in marks.hovertemplate
+    for other in (
+        figures.overview(run, (1, 2), Window(0.0, 15.0)),
+        figures.overview(run, (1, 2, 3), Window(0.0, 15.0), view="relative"),
+    ):
+        assert all(trace.mode != "markers" for trace in other.data)
