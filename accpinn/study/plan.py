@@ -72,7 +72,7 @@ WITHOUT_BLOCKS = 1 / 3
 AUTO = "auto"
 """The value of ``windows`` that asks for all windows in car-following."""
 ACC_FLAG = 1
-ENDINGS = (".csv", ".txt")
+ENDINGS = (".csv", ".txt", ".tsv", ".gz", ".xlsx", ".parquet", ".xml")
 Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 """Files and folders of recordings."""
 
