@@ -131,7 +131,7 @@ def beginning(recording: Recording) -> go.Figure:
     end = min(recording.duration, BEGINNING)
     rows = recording.rows(Window(0.0, end))
     chart = style.Chart(
-        f"beginning-{recording.digest}", 300, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
+        f"beginning-{recording.digest}", 250, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
         margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 40},
     )  # fmt: skip
     chart.axis("x*", range=[0, end])

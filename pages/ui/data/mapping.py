@@ -52,6 +52,8 @@ NONE = ""
 EVEN = "(even steps)"
 LISTED = 8
 """Rows of the table of columns, if fewer are used; columns that are not used follow in a line."""
+LONGEST_NUMBER, LONGEST_CELL = 9, 28
+"""Characters that are shown of a number, and of the first values."""
 MOST_CURES = 3
 """Buttons beside a finding."""
 CHANGING = "data_map_changing"
@@ -85,8 +87,6 @@ def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | No
             show.warnings(messages(recording.findings, recording), "the data")
     elif not is_open:
         show.messages(str(reading), "error")
-    if mapping:
-        _change_columns(workspace, pending, mapping)
     is_doubtful = recording is not None and bool(contradictions(recording))
 
     def cancel() -> None:
@@ -102,6 +102,8 @@ def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | No
             else "The recording over time on page Data, where one more click trains on it.",
         )  # fmt: skip
         st.button("Cancel", on_click=cancel, key="data_cancel")
+    if mapping:
+        _change_columns(workspace, pending, mapping)
     show.flashed()
 
 
@@ -205,7 +207,7 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
         ),
         (
             Column("First values"),
-            [excerpt(", ".join(cell or "–" for cell in choice.cells[:2]), 40) for choice in rows],
+            [_first_values(choice) for choice in rows],
         ),
         (
             Column("Holds"),
@@ -224,10 +226,20 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
             [_reason(choice, roles.get(choice.column, []), is_kept) for choice in rows],
         ),
     ]  # fmt: skip
-    show.table(Table.of("", cells), [_colour(mapping, choice.column) for choice in rows])
+    colours = [] if mapping.by else [_colour(mapping, choice.column) for choice in rows]
+    show.table(Table.of("", cells), colours)
     rest = [choice.column for choice in spare if choice not in listed]
     if rest:
         show.caption(excerpt(f"{len(rest)} more are not used: {', '.join(rest)}", 200))
+
+
+def _first_values(choice: Choice) -> str:
+    """The first two cells of a column, digits of numbers cut; the first one where it is long."""
+    cells = [cell or "–" for cell in choice.cells[:2]]
+    if all(set(cell) <= set("+-.,0123456789eE–") for cell in cells):
+        return ", ".join(excerpt(cell, LONGEST_NUMBER) for cell in cells)
+    both = ", ".join(cells)
+    return both if len(both) <= LONGEST_CELL else excerpt(cells[0], LONGEST_CELL)
 
 
 def _reason(choice: Choice, roles: Sequence[tuple[str, str]], is_kept: bool) -> str:
@@ -254,11 +266,11 @@ def _remarks(mapping: CsvMapping) -> dict[str, list[str]]:
 def _colour(mapping: CsvMapping, column: str) -> str:
     """That of the vehicle whose speed or gap the column holds."""
     for k, speed in enumerate(mapping.speeds, 1):
-        if column == speed.column and not mapping.by:
+        if column == speed.column:
             return vehicle_colour(k, 1)
     for k, gap in enumerate(mapping.gaps, 2):
-        if column == gap.column and not mapping.by and not gap.minus:
-            return vehicle_colour(k, 1)
+        if column in (gap.column, gap.minus):
+            return vehicle_colour(k - 1 if gap.minus and column == gap.column else k, 1)
     return CLEAR
 
 
@@ -561,7 +573,7 @@ class _Fields:
             )  # fmt: skip
             return
         self.column(
-            f"less position of vehicle {k + 2}", f"minus_{k}", gap.minus,
+            f"Less position of vehicle {k + 2}", f"minus_{k}", gap.minus,
             lambda column: self.edit_gap(k, minus=column), place, "(none: it is a gap)",
             "Where the two columns are positions along the road.",
         )  # fmt: skip
@@ -581,7 +593,7 @@ class _Fields:
     def _length_column(self, k: int, place: Any) -> None:
         subtract = self.mapping.gaps[k].subtract
         self.column(
-            "or column of lengths", f"length_column_{k}",
+            "Or column of lengths", f"length_column_{k}",
             subtract if isinstance(subtract, str) else NONE,
             lambda column: self.edit_gap(k, subtract=column or 0.0), place, "(none)",
         )  # fmt: skip
@@ -662,10 +674,11 @@ class _Fields:
             ("position", "Position in the lane", by.position, "(none)"),
         )
         for place, (part, label, value, none) in zip(places, fields, strict=True):
-            self.column(
-                label, f"by_{part}", value,
-                lambda column, part=part: self.edit_by(**{part: column}), place, none,
-            )  # fmt: skip
+
+            def choose(column: str, part: str = part) -> None:
+                self.edit_by(**{part: column})
+
+            self.column(label, f"by_{part}", value, choose, place, none)
 
     def mode(self, vehicle: int, places: Sequence[Any]) -> None:
         """The column that says who drives a vehicle, and its words."""
@@ -687,16 +700,19 @@ class _Fields:
             f"Driver of vehicle {vehicle}", f"mode_{vehicle}", mode.column if mode else NONE,
             choose, places[0], "(not recorded)", "The column that says who controls the vehicle.",
         )  # fmt: skip
-        if mode:
-            for place, part, label in zip(
-                places[1:], ("acc", "human"), ("Under ACC it says", "Under a human"), strict=True
-            ):
-                place.text_input(
-                    label,
-                    **bound(f"data_map_{part}_{vehicle}", ", ".join(getattr(mode, part)),
-                            lambda text, part=part: keep(replace(mode, **{part: _words(text)}))),
-                    help="One word, or several separated by commas.",
-                )  # fmt: skip
+        if mode is None:
+            return
+        labels = {"acc": "Under ACC it says", "human": "Under a human"}
+        for place, (part, label) in zip(places[1:], labels.items(), strict=True):
+
+            def say(text: str, part: str = part) -> None:
+                keep(replace(mode, **{part: _words(text)}))
+
+            place.text_input(
+                label,
+                **bound(f"data_map_{part}_{vehicle}", ", ".join(getattr(mode, part)), say),
+                help="One word, or several separated by commas.",
+            )  # fmt: skip
 
     def _is_digital(self, column: str) -> bool:
         choice = next((c for c in self.pending.file.proposal.choices if c.column == column), None)
