@@ -489,7 +489,11 @@ def _units_of_data(
     distance, speed_unit, gap_unit = min(candidates)
     if distance > np.log1p(FITS):
         return mapping, f"the gap changes {slope:.2f} times as fast as the speeds demand", False
-    are_several = sum(candidate[0] < np.log1p(FITS) for candidate in candidates) > 1
+    others = [
+        speed or gap
+        for misfit, speed, gap in candidates
+        if misfit < np.log1p(FITS) and (speed, gap) != (speed_unit, gap_unit)
+    ]
     mapping = replace(
         mapping,
         speeds=tuple(
@@ -497,7 +501,10 @@ def _units_of_data(
         ),
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
-    return mapping, "the gap changes as the speeds demand", not are_several
+    reason = "the gap changes as the speeds demand"
+    if others:
+        reason = f"{joined([speed_unit or gap_unit, *others])} fit the gap's changes"
+    return mapping, reason, not others
 
 
 def _units_of_positions(

@@ -362,8 +362,8 @@ def test_a_table_of_ones_own_gets_from_home_to_a_result_in_two_clicks(
     (learned,) = rows(page, ESTIMATES)
     alpha, beta, headway = own_tables.LAW
     assert estimate(learned[2]) == pytest.approx(headway, rel=0.03)
-    assert estimate(learned[3]) == pytest.approx(alpha, rel=0.1)
-    assert estimate(learned[4]) == pytest.approx(beta, rel=0.1)
+    assert estimate(learned[4]) == pytest.approx(alpha, rel=0.1)
+    assert estimate(learned[5]) == pytest.approx(beta, rel=0.1)
 
 
 def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(

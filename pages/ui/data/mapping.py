@@ -7,7 +7,7 @@ chosen is kept in the session's `Pending`, so that plot and findings are always 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isnan, nan
-from typing import Any
+from typing import Any, Literal
 
 import streamlit as st
 from msgspec.structs import replace
@@ -82,7 +82,9 @@ def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | No
     if recording:
         _show_beginning(recording)
         if mapping:
-            show_cures(recording, mapping, lambda new: _read_by(workspace, new), "data_form")
+            show_cures(
+                recording, mapping, lambda new: _read_by(workspace, new), "data_form", "primary"
+            )
         else:
             show.warnings(messages(recording.findings, recording), "the data")
     elif not is_open:
@@ -149,8 +151,9 @@ def _read_by(workspace: Workspace, mapping: CsvMapping) -> None:
 
 
 def show_cures(
-    recording: Recording, mapping: CsvMapping, act: Callable[[CsvMapping], None], place: str
-) -> None:
+    recording: Recording, mapping: CsvMapping, act: Callable[[CsvMapping], None], place: str,
+    look: Literal["primary", "secondary"] = "secondary",
+) -> None:  # fmt: skip
     """What is wrong with the data, each with the changes of the mapping that would cure it.
 
     Args:
@@ -158,6 +161,7 @@ def show_cures(
         mapping: by which it was.
         act: gets the mapping that a button stands for.
         place: begins the buttons' keys.
+        look: of the likeliest cure's button.
     """
     against, offered = contradictions(recording), set[CsvMapping]()
     for k, finding in enumerate(against):
@@ -173,6 +177,7 @@ def show_cures(
                     st.button(
                         cure_words(cure, mapping, finding.vehicle), on_click=act, args=(new,),
                         icon=":material/healing:", key=f"{place}_cure_{len(offered)}",
+                        type=look if len(offered) == 1 else "secondary",
                         help="Changes how the columns are read; plot and findings are then new.",
                     )  # fmt: skip
     others = [finding for finding in recording.findings if finding not in against]

@@ -78,10 +78,14 @@ def show_page(workspace: Workspace) -> None:
         if workspace.segment:
             views.show_window(workspace, workspace.segment)
         return
-    named, other = st.columns((4, 1), vertical_alignment="center")
+    is_mapped = workspace.table_of_recording is not None
+    widths = (3, *((1,) if is_mapped else ()), 1 if is_mapped else 0.75)
+    named, *changing, other = st.columns(widths, vertical_alignment="center")
     named.caption(_describe(recording))
+    for place in changing:
+        with place:
+            _change_columns_button(workspace, recording)
     with other:
-        _change_columns_button(workspace, recording)
         popover = st.popover(
             "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
             on_change="rerun",
