@@ -341,14 +341,26 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
     return replace(mapping, speeds=tuple(speeds), gaps=tuple(gaps))
 
 
+def taken_as(mapping: CsvMapping, vehicle: int) -> ReadAs:
+    """The units in which a mapping reads the speed of a vehicle and the gap behind it."""
+    at = 0 if mapping.by else vehicle - 1
+    is_counted = mapping.time is not None and mapping.time.unit in consistency.TIME_UNITS
+    time = mapping.time.unit if mapping.time and is_counted else consistency.SI.time
+    return ReadAs(mapping.speeds[at].unit, mapping.gaps[at].unit, time)
+
+
 def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
-    """What would make gap and speeds agree, likeliest first, where they were read by a mapping."""
+    """What would make gap and speeds agree, likeliest first, where they were read by a mapping.
+
+    Only what `cured` can change in that mapping is named.
+    """
     if not isinstance(finding, UnitsDiffer):
-        return finding.cures
-    at = 0 if mapping.by else finding.vehicle - 1
-    taken = ReadAs(mapping.speeds[at].unit, mapping.gaps[at].unit)
-    known = taken.speed in SPEED_UNITS and taken.gap in consistency.GAP_UNITS
-    return finding.units(taken) if known else ()
+        return tuple(c for c in finding.cures if not (mapping.by and isinstance(c, Shift)))
+    taken = taken_as(mapping, finding.vehicle)
+    if taken.speed not in SPEED_UNITS or taken.gap not in consistency.GAP_UNITS:
+        return ()
+    is_counted = mapping.time is not None and mapping.time.unit in consistency.TIME_UNITS
+    return tuple(c for c in finding.units(taken) if is_counted or c.time == taken.time)
 
 
 def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:

@@ -65,6 +65,8 @@ class Choice:
     """Why, in a few words."""
     is_supported: bool = True
     """Whether name, unit, layout or data say so."""
+    is_by_values: bool = False
+    """Whether nothing but the column's values tells the role, so that this is to be confirmed."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +134,12 @@ class _Draft:
     undecided: list[str] = field(default_factory=list)
 
     def choose(
-        self, column: _Column, role: str, unit: str, reason: str, is_supported: bool = True
-    ) -> None:
-        shown = tuple(column.cells[:3])
-        self.choices[column.text] = Choice(column.text, shown, role, unit, reason, is_supported)
+        self, column: _Column, role: str, unit: str, reason: str, is_supported: bool = True,
+        is_by_values: bool = False,
+    ) -> None:  # fmt: skip
+        self.choices[column.text] = Choice(
+            column.text, tuple(column.cells[:3]), role, unit, reason, is_supported, is_by_values
+        )
 
     def pass_over(self, column: _Column, reason: str) -> None:
         self.choose(column, "", "", reason)
@@ -485,7 +489,11 @@ def _units_of_data(
     distance, speed_unit, gap_unit = min(candidates)
     if distance > np.log1p(FITS):
         return mapping, f"the gap changes {slope:.2f} times as fast as the speeds demand", False
-    are_several = sum(candidate[0] < np.log1p(FITS) for candidate in candidates) > 1
+    others = [
+        speed or gap
+        for misfit, speed, gap in candidates
+        if misfit < np.log1p(FITS) and (speed, gap) != (speed_unit, gap_unit)
+    ]
     mapping = replace(
         mapping,
         speeds=tuple(
@@ -493,7 +501,10 @@ def _units_of_data(
         ),
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
-    return mapping, "the gap changes as the speeds demand", not are_several
+    reason = "the gap changes as the speeds demand"
+    if others:
+        reason = f"{joined([speed_unit or gap_unit, *others])} fit the gap's changes"
+    return mapping, reason, not others
 
 
 def _units_of_positions(
@@ -672,7 +683,7 @@ def _from_values(
     why = f'"{gap.text}" changes {slope:.2f} times as fast as "{ahead.text}" - "{behind.text}"'
     for name, role, channel_unit in roles_of(mapping)[1:]:
         column = next(c for c in draft.columns if c.text == name)
-        draft.choose(column, role, channel_unit, why, is_supported=False)
+        draft.choose(column, role, channel_unit, why, is_supported=False, is_by_values=True)
     draft.undecided.append(f"Confirm the columns of speeds and gap: {why}.")
     return draft.finished(mapping)
 

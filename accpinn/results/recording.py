@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from accpinn.findings import percent
+from accpinn.findings import joined, percent
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window
-from accpinn.recordings.consistency import agreement
+from accpinn.recordings.consistency import Cure, Exchange, Reverse, Shift, agreement
+from accpinn.recordings.mapping import CsvMapping, taken_as
 from accpinn.results.tables import Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
@@ -71,6 +72,29 @@ def driver_summary(recording: Recording) -> str:
         return "; ".join(f"{mode}: {', '.join(numbers)}" for mode, numbers in by_mode.items())
     flag = FLAGS.get(recording.acc_flag) if recording.acc_flag is not None else None
     return "driver modes not recorded" + (f" (flagged as {flag})" if flag else "")
+
+
+def cure_words(cure: Cure, mapping: CsvMapping, vehicle: int) -> str:
+    """A change of a mapping as a button names it: "Shift Speed1 by −1.0 s".
+
+    Args:
+        cure: of a finding about the gap behind ``vehicle``.
+        mapping: by which the table was read.
+        vehicle: number of the vehicle ahead.
+    """
+    are_several = len(mapping.speeds) > 2
+    if isinstance(cure, Exchange) and not mapping.by:
+        which = f" of vehicles {cure.vehicle} and {cure.vehicle + 1}" if are_several else ""
+        return f"Exchange the speeds{which}"
+    if isinstance(cure, Exchange | Reverse):
+        which = f" of vehicle {cure.vehicle + 1}" if are_several else ""
+        return f"Reverse the sign of the gap{which}"
+    if isinstance(cure, Shift):
+        seconds = f"{cure.seconds:+.1f}".replace("-", "\N{MINUS SIGN}")
+        return f"Shift {cure.channel}{cure.vehicle} by {seconds} s"
+    changes = cure.changes(taken_as(mapping, vehicle))
+    plural = {"speed": "speeds", "gap": "gaps"}
+    return "Read " + joined([f"{plural.get(name, name)} as {unit}" for name, unit in changes])
 
 
 def suggestion_reasons(

@@ -14,7 +14,7 @@ from accpinn.segment.cut import cut
 from pages.ui import reproduction
 from pages.ui.components import frame
 from pages.ui.components.show import escape_markdown, tabs
-from pages.ui.data.sources import OPENING, drop_zone, open_file
+from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
 from pages.ui.session.resources import FIRST_SAMPLE, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
@@ -27,6 +27,9 @@ CARDS = 5
 
 def show_page(workspace: Workspace) -> None:
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
+    if workspace.pending:
+        ask(workspace, workspace.pending, then=frame.DATA)
+        return
     recent = recent_sessions(workspace.id)
     if workspace.recording or workspace.restored or recent:
         _continue(workspace, recent)

@@ -19,12 +19,14 @@ from tests.browser.running import (
     chart,
     choose,
     fill,
+    give,
     idle,
     installed,
     launched,
     open_tab,
     upload,
 )
+from tests.support import own_tables
 from tests.support.server import ROOT, running
 
 SHOTS = ROOT / "tests" / "browser" / "shots"
@@ -37,16 +39,13 @@ DRAWN = """!document.querySelector('[data-testid=stSkeleton]')
     && [...document.querySelectorAll('[data-testid=stPlotlyChart]')]
     .every(chart => chart.querySelector('.js-plotly-plot .main-svg'))"""
 BATCH_MS = 20 * TRAINING_MS
-OWN_TABLE = "stamp,v_lead,v_ego,gap_ego,acc_ego\n" + "".join(
-    f"{k / 10},{20 + k % 7},{20 + k % 5},{30 + k % 3},{k % 2}\n" for k in range(400)
-)
-
 SCENES = {
     "home": ("/", "tour home", "press Train a sample now", "wait Next: string stability",
              "tour train_sample", "press Next: string stability", "shoot stability_learned"),
     "data": ("/Data", "fold data_empty", "press Open this sample", "tour data_sample"),
-    "mapping": ("/Data", "table", "tick Who drives: ACC or a human",
-                "choose Mode of vehicle 2 = acc_ego", "shoot data_mapping"),
+    "mapping": ("/", "table own.csv", "shoot table_asks", "table swapped.csv",
+                "fold table_contradicted", "press Exchange the speeds", "shoot table_cured",
+                "tick Change columns", "shoot table_columns", "press Open", "shoot table_on_data"),
     "training": ("/Data", "press Open this sample", "to Train", "tick Paper", "tick Options",
                  "shoot train_options", "fill Learning rate = -1", "shoot train_refused",
                  "press Back to the preset", "tick Options", "press Start training",
@@ -163,9 +162,18 @@ class Camera:
         opened = self.page.locator("strong").filter(has_text=place.name)
         opened.or_(self.page.get_by_role("alert").filter(has_text=place.name)).first.wait_for()
 
-    def table(self, _: str) -> None:
-        """On Data: a table of one's own, which asks for its columns and who drives."""
-        upload(self.page, ("own.csv", OWN_TABLE.encode()))
+    def table(self, name: str) -> None:
+        """Drop a table of one's own on page Home."""
+        leader, follower = own_tables.pair()[1].T
+        tables = {
+            "own.csv": own_tables.plain(lead_speed=3.6 * leader, ego_speed=3.6 * follower),
+            "swapped.csv": own_tables.plain(lead_speed=follower, ego_speed=leader),
+        }
+        cancel = self.page.get_by_role("button", name="Cancel")
+        if cancel.count():
+            cancel.click()
+        give(self.page, (name, tables[name]))
+        chart(self.page, "data_beginning")
 
     def act(self, steps: list[str]) -> None:
         """Do one after the other."""

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from tests.browser.running import (
     upload,
     watched,
 )
+from tests.support import own_tables
 from tests.support.openacc_files import csv, metadata
 from tests.support.samples import FOLDER, frame
 from tests.support.studies import row, write_study
@@ -340,6 +342,28 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
     cell.fill("1.5")
     cell.press("Enter")
     expect(page.get_by_text("Hyundai is L₂ string stable")).to_be_visible()
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [("drive.csv", own_tables.iso_with_units), ("road.csv", own_tables.long_format),
+     ("drive.xlsx", own_tables.workbook)],
+)  # fmt: skip
+def test_a_table_of_ones_own_gets_from_home_to_a_result_in_two_clicks(
+    opened: Open, name: str, make: Callable[[], bytes]
+) -> None:
+    page = opened()
+    give(page, (name, make()))
+    chart(page, "data_beginning")
+    if name == "drive.csv":
+        look(page)
+    page.get_by_role("button", name="Open", exact=True).click()
+    page.get_by_role("button", name=re.compile("Train on ")).click()
+    (learned,) = rows(page, ESTIMATES)
+    alpha, beta, headway = own_tables.LAW
+    assert estimate(learned[2]) == pytest.approx(headway, rel=0.03)
+    assert estimate(learned[4]) == pytest.approx(alpha, rel=0.1)
+    assert estimate(learned[5]) == pytest.approx(beta, rel=0.1)
 
 
 def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(

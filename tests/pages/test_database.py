@@ -1,4 +1,4 @@
-"""Page Database, and on page Data the tables of one's own, trajectories and published runs."""
+"""Page Database, and on page Data the published runs."""
 
 import os
 from collections.abc import Callable
@@ -6,22 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from accpinn import catalogue, group, read, read_study
 from accpinn.errors import RecordingError
-from accpinn.recordings import Mode, Window
+from accpinn.recordings import Window
 from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.studies import FILE, Computed, Request, written
 from accpinn.tasks import Status, batches
-from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
-from pages.ui.session.resources import batch_queue, download_queue, find_recording
-from tests.support.apptest import WAIT, Page, numbers, open_page, until
-from tests.support.openacc_files import csv, metadata, pair, platoon, table
+from pages.ui.session.resources import batch_queue, download_queue
+from tests.support.apptest import WAIT, Page, open_page, until
+from tests.support.openacc_files import csv, metadata, platoon
 from tests.support.publisher import publisher
 from tests.support.studies import REQUEST, analysis, row, write_study
 
@@ -234,97 +231,6 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
 
 
 # Page Data
-
-
-def foreign(vehicles: int = 2) -> bytes:
-    """A table in other units, under names that are likely and one that is not."""
-    frame = platoon(vehicles, 400)
-    return pd.DataFrame(
-        {
-            "t": (1000 * frame["Time"]).round(3),
-            **{f"velocity {k}": 3.6 * frame[f"Speed{k}"] for k in range(1, vehicles + 1)},
-            "to the car ahead": frame["IVS1"],
-            "engaged": (frame.index >= 100).astype(int),
-        }
-    ).to_csv(index=False).encode()  # fmt: skip
-
-
-def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> None:
-    page = open_page("Home")
-    page.upload("own.csv", foreign())  # which leads to page Data
-    page.press("data_cancel")
-    assert page.file_uploader
-    page = open_page("Data")
-    page.upload("own.csv", foreign())
-    assert not page.boxes("error")
-    assert "Which columns of own.csv hold what?" in page.plain()
-    units = [page.selectbox(key=f"data_map_{one}").value for one in ("time_unit", "speed_unit_0")]
-    assert units == ["ms", "km/h"], "guessed from the numbers"
-    page.choose("data_map_gap_1", "velocity 1")
-    page.choose("data_map_gap_1", "to the car ahead")
-    page.choose("data_map_mode_2", "engaged")
-    page.press("data_open_mapped")
-    session = page.workspace()
-    assert session.recording.source == "own.csv"
-    np.testing.assert_allclose(session.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
-    np.testing.assert_allclose(session.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
-    assert [Mode(one) for one in session.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
-    other = open_page("Data")
-    other.upload("next.csv", foreign())
-    assert other.workspace().recording.source == "next.csv", "remembered"
-    assert "columns and units as in an earlier file" in other.plain()
-
-
-def test_columns_are_guessed_by_names_and_numbers_and_never_twice() -> None:
-    frame = platoon(2, 400)
-    odd = pd.DataFrame({
-        "zeit": frame["Time"], "kanal a": 3.6 * frame["Speed1"], "speed limit": 1000.0,
-        "v": frame["Speed2"], "x": frame["IVS1"],
-    })  # fmt: skip
-    page = open_page("Data")
-    page.upload("odd.csv", odd.to_csv(index=False).encode())
-    fields = ("time", "speed_0", "speed_1", "gap_1")
-
-    def chosen() -> list[str]:
-        return [page.selectbox(key=f"data_map_{field}").value for field in fields]
-
-    assert chosen() == ["zeit", "v", "choose…", "choose…"]
-    assert "data_open_mapped" not in page.buttons
-    page.choose("data_map_speed_0", "kanal a").choose("data_map_gap_1", "x")
-    assert page.selectbox(key="data_map_speed_unit_0").value == "km/h"
-    page.choose("data_map_speed_1", "kanal a")
-    assert "kanal a" in page.boxes("error")[0], "chosen twice"
-    page.choose("data_map_speed_1", "v").press("data_open_mapped")
-    speed = page.workspace().recording.speed
-    np.testing.assert_allclose(speed, frame[["Speed1", "Speed2"]], atol=1e-9)
-
-
-def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
-    for unit in ("m/s", "km/h"):
-        page = open_page("Data")
-        page.session_state[ASK] = True
-        page.upload("own.csv", foreign())
-        for vehicle in (0, 1):
-            page.choose(f"data_map_speed_unit_{vehicle}", unit)
-        page.press("data_open_mapped")
-        drawn = numbers(page.figures()[0]["data"][0]["y"])
-        assert np.nanmax(drawn) == page.workspace().recording.speed[:, 0].max()
-
-
-def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
-    raw = table(*(pair(platoon(2, 300) + k, 1, name) for k, name in enumerate("ab")))
-    page = open_page("Data")
-    page.upload("p.csv", raw)
-    assert "holds 2 runs" in page.plain()
-    page.choose("data_trajectory", "b")
-    page.press("data_open_trajectory")
-    recording = page.workspace().recording
-    assert recording.trajectory == "b"
-    place = Path(os.environ["ACCPINN_RECORDINGS"]) / "p.csv"
-    place.parent.mkdir(parents=True)
-    place.write_bytes(raw)
-    again = find_recording(recording.source, recording.sha256, "b")
-    assert again.digest == recording.digest, "as after a restart"
 
 
 def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:

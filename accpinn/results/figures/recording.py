@@ -49,6 +49,8 @@ CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (
 DOTTED = {"color": style.LEADER, "width": 1, "dash": "dot"}
 PANELS = 270
 """Pixels of all panels together, without strips."""
+BEGINNING: Seconds = 180.0
+"""Time that a first look at a recording shows."""
 HIGHEST_TIME_GAP: Seconds = 5.0
 """Larger ones mean free driving, and would flatten what matters."""
 TOTAL_POINTS = 12_000
@@ -124,9 +126,32 @@ def overview(
     return chart.figure()
 
 
-def _mark_jumps(chart: style.Chart, recording: Recording, followers: Set[int], leader: int) -> None:
+def beginning(recording: Recording) -> go.Figure:
+    """Speeds and gaps of the first minutes, small, to see whether columns and units are right."""
+    end = min(recording.duration, BEGINNING)
+    rows = recording.rows(Window(0.0, end))
+    chart = style.Chart(
+        f"beginning-{recording.digest}", 250, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 40},
+    )  # fmt: skip
+    chart.axis("x*", range=[0, end])
+    chart.axis("y*", fixedrange=True, standoff=6)
+    leader, *followers = recording.present
+    for panel, number, values in _curves(recording, recording.present, "motion"):
+        chart.line(
+            recording.time[rows], values[rows], recording.label(number),
+            style.vehicle_colour(number, leader), 1.6, panel=panel, points=600, connectgaps=False,
+        )  # fmt: skip
+    _mark_jumps(chart, recording, {*followers}, leader, end)
+    return chart.figure()
+
+
+def _mark_jumps(
+    chart: style.Chart, recording: Recording, followers: Set[int], leader: int,
+    end: Seconds = np.inf,
+) -> None:  # fmt: skip
     """A mark where the gap of a follower jumps, with the size of the jump on hover."""
-    for jumps in recording.jumps:
+    for jumps in filter(None, (jumps.within(0.0, end) for jumps in recording.jumps)):
         if jumps.follower in followers:
             rows = np.searchsorted(recording.time, jumps.times)
             colour = style.vehicle_colour(jumps.follower, leader)

@@ -15,7 +15,6 @@ from accpinn.errors import ConfigError
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings import Recording, Window
-from accpinn.recordings.mapping import MappingRemembered
 from accpinn.results import recording as words
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
@@ -28,9 +27,11 @@ from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import bound, escape_markdown, segments, select, tabs
 from pages.ui.data import views
-from pages.ui.data.sources import OPENING, choose_source
+from pages.ui.data.mapping import show_cures
+from pages.ui.data.sources import OPENING, ask, choose_source, read_anew
 from pages.ui.data.views import choose_validation
 from pages.ui.reproduction import table_buttons
+from pages.ui.session.pending import Pending
 from pages.ui.session.resources import rated, whole_drive, windows_in_car_following
 from pages.ui.session.workspace import TITLE_OF, Workspace
 
@@ -63,6 +64,11 @@ _STYLE = f"""<style>
 def show_page(workspace: Workspace) -> None:
     st.html(_STYLE)
     recording = workspace.recording
+    if workspace.pending:
+        if recording:
+            show.caption(f"{recording.source} stays open until another recording is.")
+        ask(workspace, workspace.pending)
+        return
     if recording is None:
         st.caption("Open a recording, then choose who follows whom, and when.")
         if workspace.restored:
@@ -72,12 +78,18 @@ def show_page(workspace: Workspace) -> None:
         if workspace.segment:
             views.show_window(workspace, workspace.segment)
         return
-    named, other = st.columns((4, 1), vertical_alignment="center")
+    is_mapped = workspace.table_of_recording is not None
+    widths = (3, *((1,) if is_mapped else ()), 1 if is_mapped else 0.75)
+    named, *changing, other = st.columns(widths, vertical_alignment="center")
     named.caption(_describe(recording))
-    popover = other.popover(
-        "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
-        on_change="rerun",
-    )  # fmt: skip
+    for place in changing:
+        with place:
+            _change_columns_button(workspace, recording)
+    with other:
+        popover = st.popover(
+            "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
+            on_change="rerun",
+        )  # fmt: skip
     if popover.open:
         with popover:
             choose_source(workspace)
@@ -99,7 +111,6 @@ def show_page(workspace: Workspace) -> None:
 
 def _describe(recording: Recording) -> str:
     rate, setting = 1 / recording.sample_time, recording.distance_setting
-    remembered = any(isinstance(one, MappingRemembered) for one in recording.findings)
     parts = [
         f"**{escape_markdown(recording.source)}**",
         escape_markdown(recording.campaign or ""),
@@ -108,9 +119,23 @@ def _describe(recording: Recording) -> str:
         f"{recording.duration:,.0f} s at {rate:.3g} Hz",
         escape_markdown(words.driver_summary(recording)),
         f"distance setting {escape_markdown(setting)}" if setting else "",
-        "columns and units as in an earlier file" if remembered else "",
     ]
     return " · ".join(part for part in parts if part)
+
+
+def _change_columns_button(workspace: Workspace, recording: Recording) -> None:
+    """The way back to the columns of a table that was opened by a mapping."""
+    file = workspace.table_of_recording
+    if file and recording.mapping:
+        pending = Pending(file, recording.mapping)
+
+        def change() -> None:
+            workspace.pending = pending
+
+        st.button(
+            "Columns and units", icon=":material/tune:", key="data_columns", on_click=change,
+            width="stretch", help="How the columns of this table were read; to change it.",
+        )  # fmt: skip
 
 
 # What is chosen
@@ -316,7 +341,14 @@ def _assessment(workspace: Workspace, recording: Recording) -> None:
                         st.markdown(show.bullets(reasons))
         wrong = next(rating for rating in ratings if rating.question == "consistent")
         if wrong.grade is Grade.POOR:  # whatever is learned of such gaps is wrong
-            show.messages(messages(wrong.findings, segment), "warning")
+            file = workspace.table_of_recording
+            if file and recording.mapping:
+                show_cures(
+                    recording, recording.mapping,
+                    lambda mapping: read_anew(workspace, file, mapping), "data",
+                )  # fmt: skip
+            else:
+                show.messages(messages(wrong.findings, segment), "warning")
         show.not_acc(segment)
         _choose_all_windows(workspace, recording)
     _train_button(workspace)

@@ -2,18 +2,16 @@
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
 from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
-from accpinn.recordings import files
+from accpinn.recordings import Recording, files
 from accpinn.recordings.download import Transfer
 from accpinn.recordings.files import File
-from accpinn.recordings.mapping import write_mapping
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
@@ -23,14 +21,13 @@ from pages.ui.components import show
 from pages.ui.components.frame import TURN
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown
-from pages.ui.data.mapping import ask_for_columns
+from pages.ui.data.mapping import show_form
 from pages.ui.session import resources
+from pages.ui.session.pending import Pending
 from pages.ui.session.workspace import Workspace
 
 OPENING = "data_opening"
 """The entry in Streamlit's session state that shows the ways to open another recording."""
-ASK = "data_ask_columns"
-"""The entry that asks for columns that are remembered, too."""
 MIRROR_VARIABLE = "ACCPINN_MIRROR"
 """Environment variable with the address of a mirror of the publisher's files."""
 
@@ -50,6 +47,8 @@ def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], Non
 def open_file(workspace: Workspace, source: bytes | Path, name: str | None = None) -> None:
     """Open a file, or keep it pending with what it asks for. A path has a name of its own.
 
+    A table of one's own is always shown first as it was understood.
+
     Raises:
         RecordingError: where it is refused; what was open before then stays.
     """
@@ -57,41 +56,57 @@ def open_file(workspace: Workspace, source: bytes | Path, name: str | None = Non
     workspace.pending = None
     try:
         file = files.opened(source, name)
-        if st.session_state.get(ASK) and file.mapping:
-            workspace.pending = replace(file, mapping=None)
+        if file.is_unknown or file.trajectories:
+            workspace.pending = Pending.of(file, workspace.mappings.get(file.names))
         else:
-            _read(workspace, file)
+            workspace.open(file.read())
+        st.session_state[OPENING] = False
     except AccpinnError as fault:
         kept = " The recording opened before is kept." if workspace.recording else ""
         raise RecordingError(f"{fault}{kept}") from fault
 
 
-def _read(workspace: Workspace, file: File, trajectory: str | None = None) -> None:
-    try:
-        workspace.open(file.read(trajectory))
-        workspace.pending, st.session_state[OPENING] = None, False
-    except AccpinnError:
-        if not (file.is_unknown or (not trajectory and _has_runs(file))):
-            raise
-        workspace.pending = file
+def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
+    """What a pending table asks; once it is opened, the app turns to the page ``then``."""
+
+    def opened(trajectory: str | None) -> None:
+        now = workspace.pending or pending
+        open_table(workspace, now.file, now.mapping, now.reading(trajectory))
+        workspace.pending, st.session_state[TURN] = None, then
+
+    with st.container(border=True, key="data_form"):
+        show_form(workspace, pending, opened)
 
 
-def _has_runs(file: File) -> bool:
-    with suppress(AccpinnError):
-        return bool(file.trajectories)
-    return False
+def open_table(
+    workspace: Workspace, file: File, mapping: CsvMapping | None, reading: Recording | AccpinnError
+) -> None:
+    """Open what was read of a table, and keep the mapping for its columns if nothing contradicts.
+
+    Raises:
+        AccpinnError: in place of a recording.
+    """
+    if not isinstance(reading, Recording):
+        raise reading
+    workspace.open(reading)
+    workspace.table = file if mapping else workspace.table
+    if mapping and not files.contradictions(reading):
+        workspace.mappings[file.names] = mapping
+
+
+def read_anew(workspace: Workspace, file: File, mapping: CsvMapping) -> None:
+    """Open the recording that is open by another mapping of its table.
+
+    Raises:
+        AccpinnError: where the mapping does not serve; the recording then stays.
+    """
+    run = workspace.recording.trajectory if workspace.recording else None
+    open_table(workspace, file, mapping, Pending(file, mapping).reading(run))
 
 
 def choose_source(workspace: Workspace) -> None:
     """A field for a file; beside each other the samples, and the runs and files on the server."""
-    if workspace.pending:
-        _ask(workspace, workspace.pending)
-        return
     drop_zone(workspace)
-    st.checkbox(
-        "Ask for columns and units", key=ASK,
-        help="Of a table of your own whose columns were named before: to name them anew.",
-    )  # fmt: skip
     left, right = st.columns(2, gap="large")
     with left:
         _choose_sample(workspace)
@@ -101,72 +116,27 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace, root)
 
 
-def _ask(workspace: Workspace, file: File) -> None:
-    """What the pending file asks, its trajectory or its columns, and the button that opens it."""
-    name, chosen, fault = file.content.name, None, ""
-    if runs := file.trajectories:
-        vehicles = dict(runs)
-        st.markdown(f"**{escape_markdown(name)}** holds {len(runs)} runs. Choose one of them.")
-        chosen = st.selectbox(
-            "Trajectory", list(vehicles), key="data_trajectory",
-            format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
-            help="Pairs whose leader is another pair's follower at the same time are one run.",
-        )  # fmt: skip
-    elif file.layout and (mapping := ask_for_columns(name, file.layout)):
-        file = replace(file, mapping=mapping, is_remembered=False)
-        try:
-            runs = file.trajectories
-            recording = file.read(runs[0][0] if runs else None, is_kept=False)
-            several = f"; {len(runs)} runs" if runs else ""
-            st.caption(
-                f":material/check_circle: {len(recording.present)} vehicles,"
-                f" {recording.duration:,.0f} s at {1 / recording.sample_time:.3g} Hz{several}."
-            )
-        except RecordingError as error:
-            fault = str(error)
-        show.messages(fault, "error")
-
-    def cancel() -> None:
-        workspace.pending = None
-        show.forget_flash()
-
-    with st.container(horizontal=True):
-        if chosen or file.mapping:
-            st.button(
-                "Open this trajectory" if chosen else "Open with these columns", type="primary",
-                key="data_open_trajectory" if chosen else "data_open_mapped", disabled=bool(fault),
-                on_click=_read, args=(workspace, file, chosen),
-            )  # fmt: skip
-        if file.mapping and not chosen:
-            st.download_button(
-                "Mapping as JSON", write_mapping(file.mapping), "mapping.json", "application/json",
-                on_click="ignore", icon=":material/download:", key="data_mapping_json",
-                help="For the command line's option --mapping, or for another server.",
-            )  # fmt: skip
-        st.button("Cancel", on_click=cancel, key="data_cancel")
-    show.flashed()
-
-
 def drop_zone(workspace: Workspace, then: str = "") -> None:
     """The field for a file of the user's own, and why the last attempt to open one failed.
 
-    Once a file has been opened, the app turns to the page ``then``.
+    Once a file has been opened, the app turns to the page ``then``; a table that asks for something
+    does so where it was dropped.
     """
     limit = int(config.get_option("server.maxUploadSize"))
 
     def took(name: str, raw: bytes) -> None:
         open_file(workspace, raw, name)
-        st.session_state[TURN] = then
-        st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
+        st.session_state[TURN] = "" if workspace.pending else then
 
     show.upload(
-        f"Drop a recording here: a CSV file of up to {limit} MB, from OpenACC or with columns of"
-        " speeds and gaps of your own.",
+        "Drop a recording here: a table of speeds and gaps, from OpenACC or your own. CSV, Excel,"
+        f" Parquet or SUMO XML, also as .gz; up to {limit} MB.",
         "data_upload",
         took,
         help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
         " of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
-        " other table you say which columns hold what. A recording is kept in memory alone.",
+        " other table you see first how its columns are understood. A recording is kept in memory"
+        " alone.",
     )
     show.flashed()
 

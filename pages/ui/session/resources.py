@@ -18,7 +18,7 @@ from accpinn.segment.suggestion import Information
 from accpinn.storage import folder, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
-from accpinn.study.plan import car_following
+from accpinn.study.plan import ENDINGS, car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
@@ -123,9 +123,10 @@ def folders(root: Path) -> tuple[str, ...]:
 
 
 def listed() -> list[Path]:
-    """The CSV files in the server's folder; none where there is no folder."""
+    """The files of tables in the server's folder; none where there is no folder."""
     root = recordings_folder()
-    paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    tables = (path for path in sorted(root.rglob("*")) if path.suffix.lower() in ENDINGS)
+    paths = (path for path in tables if path.is_file())
     # A link that leads out of the folder is left out.
     inside = (path for path in paths if path.resolve().is_relative_to(root))
     return list(inside)

@@ -14,6 +14,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis, Source
@@ -31,6 +32,7 @@ from accpinn.tasks import (
     training_task,
 )
 from pages.ui.session import resources
+from pages.ui.session.pending import Pending
 
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
 """Where the vehicles on pages Stability and Platoon are from."""
@@ -55,8 +57,12 @@ class Workspace:
 
     id: str
     recording: Recording | None = None
-    pending: File | None = None
-    """A file that asks for its columns, or for one of its trajectories, before it can be read."""
+    pending: Pending | None = None
+    """A table whose columns, or one of whose runs, are to be confirmed before it is opened."""
+    table: File | None = None
+    """The table that was opened last by a mapping, to be read by another one."""
+    mappings: dict[tuple[str, ...], CsvMapping] = field(default_factory=dict)
+    """Mappings that nothing in the data contradicted, by the names of the columns they served."""
     awaited: Analysis | None = None
     """What was on the screen before a restart of the server, until a recording is opened."""
     asked: Analysis = NOTHING
@@ -114,9 +120,10 @@ class Workspace:
 
     @property
     def nbytes(self) -> int:
-        """Memory that its recordings take, and an upload that cannot be read yet, in bytes."""
+        """Memory that its recordings take, and the files of its tables, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
-        return known + (self.pending.content.nbytes if self.pending else 0)
+        held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
+        return known + sum(file.content.nbytes for file in held.values())
 
     @property
     def spec(self) -> ModelSpec:
@@ -267,6 +274,15 @@ class Workspace:
         self.remember(recording)
         self._ask(asked)
         self.window_starts, self.steps = starts, ()
+
+    @property
+    def table_of_recording(self) -> File | None:
+        """The table from which the open recording was read by a mapping; None without it."""
+        recording, table = self.recording, self.table
+        if not (recording and recording.mapping and table):
+            return None
+        is_same = table.content.sha256(recording.trajectory) == recording.sha256
+        return table if is_same else None
 
     def remember(self, recording: Recording) -> None:
         """Put a recording among those opened last."""
