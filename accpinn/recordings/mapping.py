@@ -44,8 +44,10 @@ from accpinn.recordings.consistency import (
     Exchange,
     Inconsistency,
     ReadAs,
+    ReadSpeedAs,
     Reverse,
     Shift,
+    SpeedsApart,
     UnitsDiffer,
 )
 from accpinn.recordings.source import excerpt
@@ -338,6 +340,9 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
             gaps = [replace(gap, unit=cure.gap) for gap in gaps]
             if mapping.time and mapping.time.unit in consistency.TIME_UNITS:
                 mapping = replace(mapping, time=replace(mapping.time, unit=cure.time))
+        case ReadSpeedAs(vehicle, unit):
+            at = 0 if mapping.by else vehicle - 1
+            speeds[at] = replace(speeds[at], unit=unit)
     return replace(mapping, speeds=tuple(speeds), gaps=tuple(gaps))
 
 
@@ -354,6 +359,11 @@ def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
 
     Only what `cured` can change in that mapping is named.
     """
+    if isinstance(finding, SpeedsApart):
+        if mapping.by:
+            return ()
+        ahead, behind = (mapping.speeds[v - 1].unit for v in (finding.vehicle, finding.follower))
+        return finding.units((ahead, behind))
     if not isinstance(finding, UnitsDiffer):
         return tuple(c for c in finding.cures if not (mapping.by and isinstance(c, Shift)))
     taken = taken_as(mapping, finding.vehicle)
