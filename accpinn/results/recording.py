@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.findings import joined, percent
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window
-from accpinn.recordings.consistency import Cure, Exchange, Reverse, Shift, agreement
+from accpinn.recordings.consistency import Cure, Exchange, ReadSpeedAs, Reverse, Shift, agreement
 from accpinn.recordings.mapping import CsvMapping, taken_as
 from accpinn.results.tables import Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
@@ -92,6 +92,8 @@ def cure_words(cure: Cure, mapping: CsvMapping, vehicle: int) -> str:
     if isinstance(cure, Shift):
         seconds = f"{cure.seconds:+.1f}".replace("-", "\N{MINUS SIGN}")
         return f"Shift {cure.channel}{cure.vehicle} by {seconds} s"
+    if isinstance(cure, ReadSpeedAs):
+        return f"Read the speed of vehicle {cure.vehicle} as {cure.unit}"
     changes = cure.changes(taken_as(mapping, vehicle))
     plural = {"speed": "speeds", "gap": "gaps"}
     return "Read " + joined([f"{plural.get(name, name)} as {unit}" for name, unit in changes])
