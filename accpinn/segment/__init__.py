@@ -22,6 +22,7 @@ from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import MOVING, ValuesOutOfRange, Window, listed, vehicle_label
 from accpinn.recordings.consistency import (
     ClocksDiffer,
+    ColumnsCopied,
     GapComputed,
     GapContradictsSpeeds,
     GapJumps,
@@ -182,6 +183,7 @@ SegmentFinding = (
     | SignReversed
     | UnitsDiffer
     | ClocksDiffer
+    | ColumnsCopied
     | GapJumps
     | GapComputed
     | ValuesOutOfRange

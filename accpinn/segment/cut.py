@@ -21,11 +21,12 @@ from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.recordings import HUMAN_FLAG, Mode, Recording, ValuesOutOfRange, Window
 from accpinn.recordings.consistency import (
+    AGREEMENT_LIMIT,
     JUMP_TIME,
     GapContradictsSpeeds,
     GapJumps,
     Inconsistency,
-    inconsistencies,
+    agreement,
 )
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.segment import (
@@ -149,8 +150,9 @@ def _in_window(
         if jumps := finding.within(window.start, window.end):
             yield jumps
     elif isinstance(finding, GapContradictsSpeeds):
-        there = inconsistencies(recording.pair(finding.vehicle, source.rows))
-        yield from (part for part in there if isinstance(part, GapContradictsSpeeds))
+        correlation = agreement(recording.pair(finding.vehicle, source.rows))
+        if correlation is not None and correlation < AGREEMENT_LIMIT:
+            yield GapContradictsSpeeds(finding.vehicle, correlation)
     else:  # the cause is that of the whole file
         yield cast("SegmentFinding", finding)
 
