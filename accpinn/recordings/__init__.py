@@ -22,6 +22,8 @@ EVEN_TOLERANCE: Seconds = 1e-6
 """Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
 ANOTHER_UNIT = 0.01
 """Share of samples that are too large above which their unit is probably another one."""
+OTHER_SIGN = 0.5
+"""Share of samples that are negative above which their sign is probably the other one."""
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
 FEWEST_REPEATS = 3
@@ -127,6 +129,11 @@ class ValuesOutOfRange(Finding, frozen=True):
     def is_in_another_unit(self) -> bool:
         """Whether so many values are too large that the unit is probably another one."""
         return self.is_above and self.share > ANOTHER_UNIT
+
+    @property
+    def is_of_other_sign(self) -> bool:
+        """Whether most values are negative, so that their sign is probably the other one."""
+        return not self.is_above and self.share > OTHER_SIGN
 
     @property
     def followers(self) -> tuple[int, ...]:

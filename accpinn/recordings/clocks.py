@@ -454,6 +454,13 @@ def recognised(name: str, cells: Sequence[str], decimal: str = ".") -> Recognise
     return _of_numbers(words, texts, values, decimal)
 
 
+def is_fraction(name: str, values: FloatArray) -> bool:
+    """Whether a column holds the nanoseconds beside whole seconds, as messages of ROS do."""
+    known = values[np.isfinite(values)]
+    in_range = len(known) > 0 and bool(((known >= 0) & (known < NANOSECONDS["s"])).all())
+    return in_range and known.max() > 1.0 and _Name(name).unit == "ns"
+
+
 class _Name:
     """A column's name, taken apart."""
 

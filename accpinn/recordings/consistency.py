@@ -21,7 +21,7 @@ their autocorrelation counts (Liang and Zeger, Biometrika 73, 1986).
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 from typing import ClassVar, Literal
 
 import msgspec
@@ -130,6 +130,10 @@ NO_DRIFT = 0.1
 """Largest deviation of a computed gap from the integral, as a share of the gap's own."""
 UNITS_LISTED = 3
 """Units that a sentence names."""
+VARYING = 0.05
+"""Least standard deviation of a channel, in its unit, that can be a copy of another."""
+SAME = 1e-4
+"""Largest relative difference of a copy, which may be in another unit and rounded."""
 AHEAD, BEHIND, THE_GAP = range(3)
 SHIFTED = {AHEAD: (1.0, 0.0), BEHIND: (0.0, 1.0), THE_GAP: (1.0, 1.0)}
 """Which of δ_ahead and δ_behind vary where the clock of one channel differs."""
@@ -444,6 +448,19 @@ class GapComputed(Inconsistency, frozen=True):
 
     correlation: float
     """Correlation of second differences of the gap's increments and of Δv."""
+
+
+class ColumnsCopied(Inconsistency, frozen=True):
+    """Two of a pair's three channels hold the same numbers."""
+
+    text = (
+        "{first} and {second} hold the same numbers in all samples: one of them is a copy; name the"
+        " column that holds the other quantity."
+    )
+
+    first: str
+    """As "Speed1"."""
+    second: str
 
 
 # The data of one follower
@@ -899,7 +916,28 @@ def _jumps(pair: Pair, slope: float, ahead: Seconds, behind: Seconds) -> GapJump
     return GapJumps(pair.vehicle, *(tuple(values) for values in zip(*sorted(jumps), strict=True)))
 
 
-# A gap that was computed
+# Channels that are copies, and a gap that was computed
+
+
+def _copied(pair: Pair) -> ColumnsCopied | None:
+    """Whether two channels that vary hold the same numbers, whatever unit they were read in."""
+    channels = (
+        (SPEED.of(pair.vehicle), pair.ahead),
+        (SPEED.of(pair.vehicle + 1), pair.behind),
+        (GAP.of(pair.vehicle), pair.gap),
+    )
+    factors = {a / b for a, b in product([*SPEED_UNITS.values(), *GAP_UNITS.values()], repeat=2)}
+    for (first, values), (second, others) in combinations(channels, 2):
+        known = np.isfinite(values) & np.isfinite(others)
+        if known.sum() < AGREEMENT_MINIMUM or values[known].std() < VARYING:
+            continue
+        values, others = values[known], others[known]
+        middle = float(np.median(others))
+        ratio = float(np.median(values)) / middle if middle else 0.0
+        is_of_unit = any(abs(ratio / factor - 1) < SAME for factor in factors)
+        if is_of_unit and np.abs(values - ratio * others).max() < SAME * np.abs(values).max():
+            return ColumnsCopied(pair.vehicle, first, second)
+    return None
 
 
 def _computed(pair: Pair) -> GapComputed | None:
@@ -910,21 +948,31 @@ def _computed(pair: Pair) -> GapComputed | None:
     time, gap = pair.time[known], pair.gap[known]
     difference = (pair.ahead - pair.behind)[known]
     steps, increments = np.diff(time), np.diff(gap)
-    # Second differences within the samples that follow each other at the usual step.
+    # Curvatures from samples that follow each other at the usual step.
     usual = steps < 1.5 * pair.step
     usual = usual[2:] & usual[1:-1] & usual[:-2]
-    noise = np.where(usual, np.diff(difference[1:], 2), 0.0)
+    noise = np.where(usual, _curvature(time[1:], difference[1:]), 0.0)
     size = float(noise @ noise)
     if size <= 1e-12 * len(noise) or noise[1:] @ noise[:-1] > NOISE_IS_WHITE * size:
         return None
-    change = np.diff(increments, 2)[usual]
+    middles = (time[1:] + time[:-1]) / 2
+    change = _curvature(middles, increments / steps)[usual]
     sums = difference[1:], difference[:-1], (difference[1:] + difference[:-1]) / 2
-    for summed in (part * steps for part in sums):
-        correlation = abs(_correlation(np.diff(summed, 2)[usual], change))
-        integral = np.concatenate([[0.0], np.cumsum(summed)])
+    for summed in sums:
+        correlation = abs(_correlation(_curvature(middles, summed)[usual], change))
+        integral = np.concatenate([[0.0], np.cumsum(summed * steps)])
         if correlation > NOISE_REAPPEARS and 1 - _correlation(integral, gap) ** 2 < NO_DRIFT**2:
             return GapComputed(pair.vehicle, correlation)
     return None
+
+
+def _curvature(time: FloatArray, values: FloatArray) -> FloatArray:
+    """(N - 2,) second differences, as those of even steps where steps are uneven.
+
+    Without the division by steps the slope of smooth values would pass for noise there.
+    """
+    steps = np.diff(time)
+    return np.asarray(np.diff(np.diff(values) / steps) * (steps[1:] + steps[:-1]) / 2)
 
 
 # All of them
@@ -932,6 +980,9 @@ def _computed(pair: Pair) -> GapComputed | None:
 
 def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
     """What the space-gap of a pair has against its speeds, with the cause where that is known."""
+    if copied := _copied(pair):
+        yield copied
+        return
     grid = pair.grid
     if grid is None or pair.time[-1] - pair.time[0] <= 2 * grid.window * grid.step:
         return

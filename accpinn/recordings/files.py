@@ -93,11 +93,18 @@ def read_all(
 
 
 def contradictions(recording: Recording) -> tuple[Finding, ...]:
-    """The findings that say that columns or units are probably others than they were read as."""
+    """The findings that say that columns, units or signs are probably others than they were read."""
     return tuple(
         finding for finding in recording.findings
-        if (isinstance(finding, Inconsistency) and not isinstance(finding, GapJumps))
-        or (isinstance(finding, ValuesOutOfRange) and finding.is_in_another_unit)
+        if (
+            isinstance(finding, Inconsistency)
+            and finding.is_contradiction
+            and not isinstance(finding, GapJumps)
+        )
+        or (
+            isinstance(finding, ValuesOutOfRange)
+            and (finding.is_in_another_unit or finding.is_of_other_sign)
+        )
     )  # fmt: skip
 
 
@@ -214,7 +221,7 @@ def opened(source: Source, name: str | None = None, mapping: CsvMapping | None =
     content = read_bytes(source, name)
     if mapping:
         return File(content, layout_of(content), mapping)
-    if _first_cell(content) in {key.lower() for key in METADATA}:
+    if _first_cell(content) in {key.lower() for key in METADATA} and not _names_columns(content):
         return File(content)
     try:
         layout = layout_of(content)
@@ -227,7 +234,20 @@ def opened(source: Source, name: str | None = None, mapping: CsvMapping | None =
     return File(content, layout)
 
 
+def _first_row(content: SourceFile) -> str:
+    return content.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[0]
+
+
 def _first_cell(content: SourceFile) -> str:
     """The cell with which an OpenACC file says that it is one, in small letters."""
-    line = content.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[0]
-    return line.partition(",")[0].strip().lower()
+    return _first_row(content).partition(",")[0].strip().lower()
+
+
+def _names_columns(content: SourceFile) -> bool:
+    """Whether the first row of a table begins with a column named Date or ACC.
+
+    In an OpenACC file a number follows it, or nothing.
+    """
+    first, _, others = _first_row(content).partition(",")
+    second = others.partition(",")[0].strip()
+    return first.strip().lower() in ("date", "acc") and second[:1].isalpha()

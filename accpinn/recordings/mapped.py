@@ -24,7 +24,7 @@ from accpinn.recordings.mapping import (
     SpeedColumn,
     check_mapping,
 )
-from accpinn.recordings.sampling import merged, recording_of, shifted
+from accpinn.recordings.sampling import merged, recording_of, shifted, without_lost_targets
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import (
     MINIMUM_SAMPLES,
@@ -101,7 +101,8 @@ def _columns(source_file: SourceFile, mapping: CsvMapping, layout: Layout) -> Co
         words += [name for name in (by.vehicle, by.leader, by.lane) if name]
         numbers += [by.position] if by.position else []
     if mapping.time:  # as texts, whose digits are all there
-        words += [mapping.time.column, *([mapping.time.date] if mapping.time.date else [])]
+        parts = (mapping.time.column, mapping.time.date, mapping.time.nanoseconds)
+        words += filter(None, parts)
     return read_columns(
         source_file, layout, tuple(dict.fromkeys(numbers)), tuple(dict.fromkeys(words))
     )
@@ -119,15 +120,18 @@ def _stamps(columns: Columns, mapping: CsvMapping) -> tuple[str, FloatArray]:
         return mapping.speeds[0].column, step * np.arange(len(columns), dtype=np.float64)
     is_counter = time.unit == clocks.FRAME
     dates = columns.words[time.date] if time.date else None
+    at = time.column
     try:
         seconds = clocks.seconds(
-            columns.words[time.column], "s" if is_counter else time.unit,
-            columns.layout.decimal, dates,
-        )  # fmt: skip
+            columns.words[at], "s" if is_counter else time.unit, columns.layout.decimal, dates
+        )
+        if time.nanoseconds:
+            at = time.nanoseconds
+            seconds = seconds + clocks.seconds(columns.words[at], "ns", columns.layout.decimal)
     except clocks.TimeUnreadable as fault:
         message = f'"{excerpt(fault.cell)}" {fault.fault} as "{time.unit}"'
         cure = "correct it, or name the column's unit"
-        at = time.date if fault.is_date else time.column
+        at = time.date if fault.is_date else at
         raise columns.refusal(message, cure, at, fault.index) from None
     if is_counter:
         seconds = seconds * (mapping.sample_time or 0.0)
@@ -152,6 +156,9 @@ def _wide(
     time = columns.time(at, stamps)
     speeds = _speeds(columns, mapping.speeds)
     gaps = [_gap(columns, gap) for gap in mapping.gaps]
+    for k, speed in enumerate(speeds[1:]):
+        gaps[k], lost = without_lost_targets(k + 1, time, speed, gaps[k])
+        findings += [lost] if lost else []
     shifts = [speed.shift for speed in mapping.speeds] + [gap.shift for gap in mapping.gaps]
     names = [speed.column for speed in mapping.speeds] + [gap.column for gap in mapping.gaps]
     channels = np.column_stack(

@@ -67,6 +67,8 @@ class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One of `TIME_UNITS`."""
     date: str = ""
     """The column of the date, where it is not in the same one."""
+    nanoseconds: str = ""
+    """The column of nanoseconds beside whole seconds, where these are apart."""
 
 
 class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -285,6 +287,8 @@ def _roles(mapping: CsvMapping) -> Iterator[tuple[str, str]]:
         yield "time", mapping.time.column
         if mapping.time.date:
             yield "the date", mapping.time.date
+        if mapping.time.nanoseconds:
+            yield "nanoseconds", mapping.time.nanoseconds
     for k, speed in enumerate(mapping.speeds, 1):
         yield f"the speed of vehicle {k}", speed.column
     for k, gap in enumerate(mapping.gaps, 1):

@@ -22,7 +22,13 @@ LENGTH_ALIASES = {
 }  # fmt: skip
 _TIME_UNITS = frozenset(("s", "sec", "secs", "seconds", "ms", "us", "µs", "ns", "min", "h"))
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*")
-_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zµäöüß]+|\d+")
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\dA-Z_]+|\d+")
+_JOINED = re.compile(
+    r"(?P<d>d|x|dist|distance|v|vel|velocity|spd|speed)(?P<rel>rel)"
+    r"|(?P<rel_>rel)(?P<of>d|x|dist|distance|v|vel|velocity|spd|speed)"
+    r"|(?P<whose>.+?)s?(?P<what>geschwindigkeit|abstand|velocity|speed)"
+)
+"""Two words that are written as one: "vrel", "relvel" and German compounds."""
 
 WORDS_OF = {
     "ignored": frozenset((
@@ -30,12 +36,12 @@ WORDS_OF = {
         "width", "heading", "yaw", "angle", "slope", "jerk", "steer", "steering", "brake",
         "throttle", "pedal", "rpm", "maf", "torque", "gear", "temperature", "thw", "ttc", "limit",
         "setpoint", "set", "desired", "cmd", "command", "ref", "reference", "error", "std",
-        "sigma", "variance", "quality", "count", "index", "type", "class",
+        "sigma", "variance", "quality", "count", "index", "type", "class", "angular",
     )),
     "acceleration": frozenset(("accel", "acceleration", "accer", "decel", "deceleration", "ax")),
     "relative": frozenset((
         "relative", "rel", "delta", "diff", "difference", "closing", "dv", "deltav", "rangerate",
-        "rr", "dspeed",
+        "rr", "dspeed", "relativgeschwindigkeit",
     )),
     "length": frozenset(("length", "len")),
     "travelled": frozenset((
@@ -44,11 +50,11 @@ WORDS_OF = {
     "position": frozenset(("position", "pos", "p", "x", "station", "chainage")),
     "speed": frozenset((
         "speed", "speeds", "velocity", "vel", "v", "spd", "geschwindigkeit", "vitesse",
-        "velocidad",
+        "velocidad", "velocità", "snelheid", "twist",
     )),
     "gap": frozenset((
         "gap", "gaps", "ivs", "clearance", "abstand", "distance", "dist", "range", "spacing",
-        "separation", "interdistance",
+        "separation", "interdistance", "distancia", "distanza", "afstand", "dx",
     )),
     "headway": frozenset(("headway", "dhw", "space")),
     "lane": frozenset(("lane",)),
@@ -65,16 +71,30 @@ WORDS_OF = {
 }  # fmt: skip
 """Words, in small letters, that say what a column holds."""
 _SURE_GAPS = frozenset(("gap", "gaps", "ivs", "clearance", "abstand", "interdistance"))
+_KNOWN: frozenset[str] = frozenset().union(*WORDS_OF.values())
 _WHOSE = {
     LEADER: frozenset((
         "lead", "leader", "leading", "preceding", "precede", "predecessor", "prec", "front",
-        "lv", "l", "ahead", "pv", "target", "leadveh",
+        "lv", "l", "ahead", "pv", "target", "tgt", "leadveh", "ziel", "vorderfahrzeug",
+        "vorausfahrzeug", "führungsfahrzeug", "meneur", "líder", "lider",
     )),
     FOLLOWER: frozenset((
         "ego", "own", "host", "follower", "following", "follow", "foll", "subject", "fv", "fav",
-        "f", "rear", "behind", "self",
+        "f", "rear", "behind", "self", "eigen", "eigenes", "folgefahrzeug", "suiveur",
     )),
 }  # fmt: skip
+
+
+def _plain_unit(text: str) -> str:
+    """A unit in small letters, with plain signs for dots and exponents."""
+    plain = text.strip().casefold().replace("·", " ").replace("⁻¹", "-1").replace("^", "")
+    return plain.replace("*", " ").replace("(", "").replace(")", "")
+
+
+def _apart(word: str) -> tuple[str, ...]:
+    """The words that a word in small letters is made of."""
+    match = None if word in _KNOWN else _JOINED.fullmatch(word)
+    return tuple(filter(None, match.groups())) if match else (word,)
 
 
 @dataclass(frozen=True)
@@ -89,9 +109,9 @@ class ColumnName:
     def unit(self) -> str:
         """The unit as it is written, in small letters; empty without one."""
         if self.unit_cell.strip():
-            return self.unit_cell.strip(" []()").casefold()
+            return _plain_unit(self.unit_cell.strip(" []()"))
         for inside in reversed(_BRACKETS.findall(self.name)):
-            unit = str(inside).strip().casefold()
+            unit = _plain_unit(inside)
             if unit in SPEED_ALIASES or unit in LENGTH_ALIASES or unit in _TIME_UNITS:
                 return unit
         lowered = self.name.casefold()
@@ -107,17 +127,19 @@ class ColumnName:
         """The words of the name in small letters, without its unit, numbers included."""
         base = self.name
         for inside in _BRACKETS.findall(base):
-            if inside.strip().casefold() == self.unit:
+            if _plain_unit(inside) == self.unit:
                 base = re.sub(r"[\[(]\s*" + re.escape(inside) + r"\s*[\])]", " ", base)
         if self.unit and not self.unit_cell:
             base = re.sub(rf"[_ ,]{re.escape(self.unit)}(\d*)$", r" \1", base, flags=re.IGNORECASE)
-        return tuple(word.casefold() for word in _WORDS.findall(base))
+        return tuple(part for word in _WORDS.findall(base) for part in _apart(word.casefold()))
 
     @cached_property
     def words(self) -> frozenset[str]:
         """The words of the name, without numbers."""
         lowered = re.sub(r"\[[^\]]*\]|\d", " ", self.name)
-        return frozenset(word.casefold() for word in _WORDS.findall(lowered))
+        return frozenset(
+            part for word in _WORDS.findall(lowered) for part in _apart(word.casefold())
+        )
 
     def says(self, what: str) -> bool:
         """Whether a word of the name is one of those for a quantity."""
@@ -136,7 +158,7 @@ class ColumnName:
     @cached_property
     def number(self) -> int | None:
         """The last number of the name."""
-        numbers = [int(part) for part in self.parts if part.isdigit() and len(part) < 4]
+        numbers = [int(part) for part in self.parts if part.isdecimal() and len(part) < 4]
         return numbers[-1] if numbers else None
 
     @cached_property
@@ -160,11 +182,16 @@ class ColumnName:
             return "ignored"
         if {"range", "rate"} <= parts:
             return "relative"
+        if parts & {"time", "timestamp", "timestamps"} and not self.speed_unit:
+            if not self.says("speed") and not self.says("gap"):
+                return "time"
         if self.speed_unit and not self.says("relative"):
             return "ignored" if self.says("ignored") else "speed"
         if self.says("relative") and not self.says("id"):
             is_speed = self.says("speed") or self.speed_unit or parts & {"dv", "deltav", "rr"}
-            return "relative" if is_speed or parts & {"rangerate", "closing", "dspeed"} else ""
+            if is_speed or parts & {"rangerate", "closing", "dspeed"}:
+                return "relative"
+            return "gap" if self.says("gap") or (is_short and "d" in parts) else ""
         if self.says("ignored"):
             return "ignored"
         if self.says("acceleration"):
@@ -193,3 +220,8 @@ class ColumnName:
     def is_sure_gap(self) -> bool:
         """Whether the name says a gap from bumper to bumper."""
         return bool(_SURE_GAPS & set(self.parts))
+
+    @property
+    def is_symbol(self) -> bool:
+        """Whether the name consists of single letters, as "v_p"."""
+        return all(len(part) == 1 for part in self.parts)

@@ -207,6 +207,7 @@ def roles_of(mapping: CsvMapping) -> list[tuple[str, str, str]]:
     if time:
         roles.append((time.column, "time", time.unit))
         roles += [(time.date, "date", "")] if time.date else []
+        roles += [(time.nanoseconds, "nanoseconds", "ns")] if time.nanoseconds else []
     if by:
         roles.append((by.vehicle, "vehicle", ""))
         roles += [(by.leader, "vehicle ahead", "")] if by.leader else []
@@ -255,7 +256,10 @@ def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, f
         not candidate[1].supported, candidate[1].form == clocks.FRAME, not candidate[1].by_name,
     ))  # fmt: skip
     column, recognised = candidates[0]
+    nanoseconds = _nanoseconds(draft, column) if recognised.form == "s" else ""
     for other, _ in candidates[1:]:
+        if other.text == nanoseconds:
+            continue
         draft.pass_over(other, f'"{column.text}" is the time')
     step = None
     if recognised.form == clocks.FRAME:
@@ -270,7 +274,22 @@ def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, f
         if day := next(dates, None):
             draft.choose(day, "date", "", "dates beside a clock")
             date = day.text
-    return TimeColumn(column.text, recognised.form, date), step
+    return TimeColumn(column.text, recognised.form, date, nanoseconds), step
+
+
+def _nanoseconds(draft: _Draft, seconds: _Column) -> str:
+    """The column of nanoseconds beside whole seconds; empty where there is none."""
+    values = seconds.numbers
+    if values is None or not (values == np.rint(values)).all():
+        return ""
+    for column in draft.columns:
+        numbers = column.numbers
+        if column is seconds or column.text in draft.choices or numbers is None:
+            continue
+        if clocks.is_fraction(column.text, numbers):
+            draft.choose(column, "nanoseconds", "ns", "nanoseconds beside whole seconds")
+            return column.text
+    return ""
 
 
 def _is_date(column: _Column) -> bool:
@@ -286,6 +305,8 @@ def _wide(draft: _Draft) -> Proposal:
     speeds, relative = _speeds(draft)
     positions: list[_Column] = []
     gaps = _gaps(draft, len(speeds) + bool(relative) - 1)
+    if not speeds and not relative:
+        speeds, gaps = _in_order_of_gaps(draft)
     if not gaps and speeds:
         positions = _in_order(draft.of("position"), len(speeds) + bool(relative))
     found = bool(gaps or positions)
@@ -344,6 +365,35 @@ def _in_order(
     if len({_number(c) for c in ordered[1:]}) < len(ordered) - 1:
         return []
     return ordered if count in (None, len(ordered)) and len(ordered) <= MAX_VEHICLES else []
+
+
+def _in_order_of_gaps(draft: _Draft) -> tuple[list[_Column], list[_Column]]:
+    """Speeds and gaps of a platoon in which each gap names the two vehicles, the one ahead first.
+
+    As of "Audi speed", "BMW speed" and "gap Audi-BMW"; none where the names say anything else.
+    """
+    speeds, gaps = draft.of("speed"), draft.of("gap")
+    if len(speeds) != len(gaps) + 1 or len(speeds) < 2:
+        return [], []
+    words = [{*speed.name.parts} for speed in speeds]
+    own = [these.difference(*words[:k], *words[k + 1 :]) for k, these in enumerate(words)]
+    behind: dict[int, tuple[int, _Column]] = {}
+    for gap in gaps:
+        named = [k for part in gap.name.parts for k, names in enumerate(own) if part in names]
+        pair = list(dict.fromkeys(named))
+        if len(pair) != 2 or pair[0] in behind:
+            return [], []
+        behind[pair[0]] = pair[1], gap
+    first = {*behind} - {follower for follower, _ in behind.values()}
+    if len(first) != 1:
+        return [], []
+    order, ordered = [first.pop()], list[_Column]()
+    while order[-1] in behind:
+        follower, gap = behind[order[-1]]
+        order.append(follower)
+        ordered.append(gap)
+    complete = len(order) == len(speeds)
+    return ([speeds[k] for k in order], ordered) if complete else ([], [])
 
 
 def _by_positions(columns: Sequence[_Column], positions: Sequence[_Column]) -> list[_Column]:
@@ -487,7 +537,10 @@ def _units_of_data(
             factor = GAP_UNITS.get(gap_unit, 1.0) / SPEED_UNITS.get(speed_unit, 1.0)
             candidates.append((float(abs(np.log(slope * factor))), speed_unit, gap_unit))
     distance, speed_unit, gap_unit = min(candidates)
-    if distance > np.log1p(FITS):
+    # Speeds whose header is wrong make gaps in m look like some in ft, but never quite.
+    error = slopes[0].error / slope
+    close = max(consistency.SLOPE_TOLERANCE, consistency.SURE * error)
+    if distance > np.log1p(FITS if gap_unit in ("", "m") else min(FITS, close)):
         return mapping, f"the gap changes {slope:.2f} times as fast as the speeds demand", False
     others = [
         speed or gap
@@ -603,6 +656,8 @@ def _seconds(draft: _Draft, time: TimeColumn | None) -> FloatArray | None:
     dates = columns[time.date].cells if time.date else None
     try:
         seconds = clocks.seconds(column.cells, time.unit, column.decimal, dates)
+        if time.nanoseconds:
+            seconds += clocks.seconds(columns[time.nanoseconds].cells, "ns", column.decimal)
     except clocks.TimeUnreadable:
         return None
     seconds, _ = clocks.unwrapped(seconds)
@@ -626,7 +681,7 @@ def _by_values(
     if seconds is None:
         return None
     free = [c for c in draft.columns if c.text not in draft.choices and c.varies]
-    free = [c for c in free if c.numbers is not None and c.name.quantity in ("", "speed", "gap")]
+    free = [c for c in free if c.numbers is not None and _may_be_any(c)]
     best: tuple[float, _Column, _Column, _Column, str, float] | None = None
     for ahead, behind, gap in permutations(free[:MOST_TRIED], 3):
         if gap in speeds or (len(speeds) > 1 and not {ahead, behind} <= set(speeds)):
@@ -637,10 +692,20 @@ def _by_values(
         agreement = _agreement(seconds, a, b, p)
         if agreement is None or agreement[1] < (best[0] if best else SURE):
             continue
-        for unit, factor in SPEED_UNITS.items():
-            if abs(np.log(agreement[0] / factor)) < np.log1p(FITS):
-                best = (agreement[1], ahead, behind, gap, unit, agreement[0] / factor)
+        gap_factor = GAP_UNITS[gap.name.length_unit or "m"]
+        named = {c.name.speed_unit for c in (ahead, behind)} - {""}
+        ratio = agreement[0] * gap_factor
+        units = named if len(named) == 1 else SPEED_UNITS
+        unit = min(units, key=lambda unit: abs(np.log(ratio / SPEED_UNITS[unit])))
+        if abs(np.log(ratio / SPEED_UNITS[unit])) < np.log1p(FITS):
+            best = (agreement[1], ahead, behind, gap, unit, ratio / SPEED_UNITS[unit])
     return best[1:] if best else None
+
+
+def _may_be_any(column: _Column) -> bool:
+    """Whether a name leaves open what a column holds, or says a speed or gap; "v_p" is no more."""
+    quantity = column.name.quantity
+    return quantity in ("", "speed", "gap") or (quantity == "position" and column.name.is_symbol)
 
 
 def _agreement(
@@ -678,7 +743,7 @@ def _from_values(
     """The proposal of three columns that fit together."""
     mapping = CsvMapping(
         (SpeedColumn(ahead.text, unit), SpeedColumn(behind.text, unit)),
-        (GapColumn(gap.text),), time,
+        (GapColumn(gap.text, gap.name.length_unit or "m"),), time,
     )  # fmt: skip
     why = f'"{gap.text}" changes {slope:.2f} times as fast as "{ahead.text}" - "{behind.text}"'
     for name, role, channel_unit in roles_of(mapping)[1:]:

@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.channels import GAP
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words, percent
-from accpinn.recordings import Mode, Recording, Window, listed
+from accpinn.recordings import (
+    FEWEST_REPEATS,
+    FROZEN,
+    MOVING,
+    Mode,
+    Recording,
+    Window,
+    listed,
+)
+from accpinn.recordings.consistency import JUMP
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 Refuse = Callable[[str, str, int], RecordingError]
@@ -28,6 +38,8 @@ EVEN_STEP = 0.02
 """Largest relative deviation of steps from the typical one that are even."""
 OF_ITS_OWN = 1.5
 """Ratio of a channel's step to that of the rows from which on it has a rate of its own."""
+LOST_LEAP = 8.0
+"""Least leap to the value of a lost target, in medians of the gap's other changes."""
 LONGEST_PART = 2.5
 """Longest distance between two values of a channel that is interpolated, in its typical steps."""
 
@@ -63,6 +75,73 @@ class RatesMerged(Finding, frozen=True):
         slow, fast = f"{self.slowest:.3g} s", f"{self.fastest:.3g}"
         each = f"steps of {fast} to {slow}" if slow != f"{fast} s" else f"each every {slow}"
         return {"steps": each}
+
+
+class TargetLost(Finding, frozen=True):
+    """A space-gap stands at one value, to and from which it leaps: no vehicle was seen ahead."""
+
+    text = (
+        "{column} is {value:g} m in {samples} samples ({part}), between leaps, at {where}: no"
+        " vehicle was seen ahead, so they count as empty."
+    )
+
+    vehicle: int
+    """The vehicle ahead."""
+    value: float
+    """What the sensor writes without a vehicle ahead, in m."""
+    samples: int
+    share: float
+    """Share of the recording's samples, 0 to 1."""
+    windows: tuple[Window, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        where = listed(self.windows)
+        return {"column": GAP.of(self.vehicle), "part": percent(self.share), "where": where}
+
+
+def without_lost_targets(
+    vehicle: int, time: FloatArray, speed: FloatArray, gap: FloatArray
+) -> tuple[FloatArray, TargetLost | None]:
+    """A gap (N,) that is nan where its sensor lost the vehicle ahead, and where that is.
+
+    A sensor then repeats its least or its largest value, which the gap leaps to and from. A frozen
+    sensor repeats its last value instead, to which nothing leaps.
+
+    Args:
+        vehicle: the number of the vehicle ahead.
+        time: (N,) in s, increasing.
+        speed: (N,) the follower's, in m/s.
+        gap: (N,) in m, nan in empty cells.
+    """
+    at = np.flatnonzero(np.isfinite(gap))
+    values = gap[at]
+    changes = np.abs(np.diff(values))
+    if len(values) < FEWEST_REPEATS or not changes.any():
+        return gap, None
+    limit = max(JUMP, LOST_LEAP * float(np.median(changes[changes > 0])))
+    is_lost = np.zeros(len(gap), bool)
+    for value in (values.min(), values.max()):
+        runs = [run for run in stretches(values == value) if len(run) >= FEWEST_REPEATS]
+        leaps = [
+            [changes[k] > limit for k in (run.first - 1, run.last) if 0 <= k < len(changes)]
+            for run in runs
+        ]
+        if not any(len(both) == 2 and all(both) for both in leaps):
+            continue
+        for run, both in zip(runs, leaps, strict=True):
+            rows = at[run.rows]
+            is_moving = bool((np.nan_to_num(speed[rows]) > MOVING).any())
+            if all(both) and is_moving and time[rows[-1]] - time[rows[0]] >= FROZEN:
+                is_lost[rows] = True
+        if is_lost.any():
+            windows = tuple(
+                Window(round(float(time[run.first]), 6), round(float(time[run.last]), 6))
+                for run in stretches(is_lost)
+            )
+            count = int(is_lost.sum())
+            lost = TargetLost(vehicle, float(value), count, count / len(gap), windows)
+            return np.where(is_lost, np.nan, gap), lost
+    return gap, None
 
 
 def merged(

@@ -52,6 +52,9 @@ UNIT_WORDS = frozenset((
 """What may stand in a row of units, in small letters and without brackets."""
 COMMENTS = ("#", "%", "//")
 """Beginnings of a comment, which may be the row of column names."""
+DOUBLED = 0.4
+"""Least share of blank rows where a program has doubled all line ends."""
+_DOUBLED = (b"\n\n", b"\n\r\n", b"\r\r\n")
 _BLOCK = 5_000
 """Cells that are split at a time; larger blocks fit no processor's cache."""
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
@@ -130,6 +133,12 @@ def _first_data(lines: Sequence[str], separator: str) -> tuple[int, int, float] 
             continue
         if sum(bool(column) and column <= {"number", "instant"} for column in columns) < 2:
             continue
+        below = [{kind for kind in column[1:] if kind} for column in zip(*kinds, strict=True)]
+        if any(
+            kind == "word" and others == {"number"}
+            for kind, others in zip(kinds[0], below, strict=True)
+        ):
+            continue  # a row of units or names, some of which are empty
         share = float(np.mean([kind != "word" for row in kinds for kind in row]))
         return first, width, share
     return None
@@ -261,16 +270,22 @@ def _decimal(rows: Sequence[Sequence[str]], separator: str) -> str:
 
 
 def _skipped(source_file: SourceFile, data: int, header: str | None) -> tuple[int, ...]:
-    """Numbers of the rows after the first of data that are comments or repeat the names."""
+    """Numbers of the rows after the first of data that are comments, or repeat the names.
+
+    Blank ones are left out, too, where every line end is doubled; a single one is a fault.
+    """
     text, names = source_file.text, (header or "").strip()
     comments = any(b"\n" + mark.encode() in text for mark in COMMENTS)
     repeated = bool(names) and text.count(names.encode(source_file.encoding, "replace")) > 1
-    if not comments and not repeated:
+    blank = sum(text.count(ends) for ends in _DOUBLED) > DOUBLED * text.count(b"\n")
+    if not comments and not repeated and not blank:
         return ()
     numbered = islice(enumerate(source_file.lines(), 1), data, None)
     return tuple(
         number for number, line in numbered
-        if (repeated and line.strip() == names) or (comments and _is_comment(line))
+        if (repeated and line.strip() == names)
+        or (comments and _is_comment(line))
+        or (blank and not line.strip())
     )  # fmt: skip
 
 
@@ -363,7 +378,7 @@ class Columns:
         Raises:
             RecordingError: about the first that cannot be a measurement.
         """
-        return self.sized(quantity, self.numbers[column] * factor - less, column)
+        return self.sized(quantity, np.asarray(self.numbers[column] * factor - less), column)
 
     def sized(
         self, quantity: Quantity, values: FloatArray, column: str, row: int | None = None

@@ -22,6 +22,7 @@ from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import MOVING, ValuesOutOfRange, Window, listed, vehicle_label
 from accpinn.recordings.consistency import (
     ClocksDiffer,
+    ColumnsCopied,
     GapComputed,
     GapContradictsSpeeds,
     GapJumps,
@@ -184,6 +185,7 @@ SegmentFinding = (
     | UnitsDiffer
     | SpeedsApart
     | ClocksDiffer
+    | ColumnsCopied
     | GapJumps
     | GapComputed
     | ValuesOutOfRange

@@ -1,6 +1,6 @@
 """What a stranger may hand over, by kind: how an example is drawn, and what is done with it.
 
-An example is one file, or what a command line says as a JSON text. Whatever is done with
+An example is one file, or what a command line or a table is made from, as a JSON text. Whatever is done with
 it ends in one of two ways: it is refused in the project's own error, or it is used.
 """
 
@@ -42,6 +42,7 @@ from accpinn.study.snapshot import load, prepare_snapshot, to_bytes
 from accpinn.study.studies import FILE, Computed, KnownFile, read_failures, read_request, written
 from accpinn.study.verification import PROMPT, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
+from tests.fuzz.tables import draw_table, use_table
 from tests.recordings import test_mapping as mappings
 from tests.support.command import strict
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -411,6 +412,7 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("recording", draw_recording, use_recording, ".csv", 170),
+        Kind("table", draw_table, use_table, ".json", 200),
         Kind("mapping", draw_mapping, use_mapping, ".json", 40),
         Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 35),
         Kind("study", draw_study, use_study, ".sqlite", 30),

@@ -11,8 +11,8 @@ import pytest
 import accpinn
 from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Recording
-from accpinn.recordings.files import opened, read, read_all
-from accpinn.recordings.mapping import MappingRemembered, load_mapping, parse_mapping
+from accpinn.recordings.files import contradictions, opened, read, read_all
+from accpinn.recordings.mapping import MappingRemembered, load_mapping, parse_mapping, recall
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -53,39 +53,49 @@ def test_columns_units_and_separators(separator: str) -> None:
     assert shown.names == tuple(foreign(frame).columns)
 
 
-def test_a_mapping_is_remembered_for_the_same_columns_only(tmp_path: Path) -> None:
+def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_path: Path) -> None:
     frame, mappings = platoon(2, 100), tmp_path / "mappings"
     raw, mapping = foreign(frame).to_csv(index=False).encode(), parse_mapping(MAPPING)
+
+    def reused(raw: bytes) -> bool:
+        """Whether a table is read as an earlier one was."""
+        try:
+            return MappingRemembered() in read(raw, "next.csv", is_remembered=True).findings
+        except RecordingError as refusal:
+            assert "--mapping" in str(refusal)
+            return False
+
     with pytest.raises(RecordingError, match="--mapping"):
         read(raw, "mine.csv")
-    assert opened(raw, "mine.csv").mapping is None
     assert opened(raw, "mine.csv").is_unknown
     assert opened(b"time,lead,ego,gap\n" + b"0,1,2,3\n" * 40, "mine.csv").is_unknown
     assert not opened(csv(frame, metadata(("A", "B"))), "run.csv").is_unknown
-    first = read(raw, "mine.csv", mapping=mapping)
-    assert not opened(raw, "next.csv").is_unknown
-    again = read(raw, "next.csv")
-    np.testing.assert_array_equal(again.speed, first.speed)
-    assert MappingRemembered() in again.findings
+    assert MappingRemembered() not in read(raw, "mine.csv", mapping=mapping).findings
+    assert not reused(raw)
+    first = read(raw, "mine.csv", mapping=mapping, is_remembered=True)
     assert MappingRemembered() not in first.findings
-    assert opened(raw, "next.csv").mapping == mapping
-    slow = foreign(frame)
-    slow["clock"] = 1000 * (slow["clock"] - slow["clock"][0])
-    with pytest.raises(RecordingError, match="as those of an earlier file"):
-        read(slow.to_csv(index=False).encode(), "slow.csv")
-    other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
+    assert reused(raw)
+    again = read(raw, "next.csv", is_remembered=True)
+    np.testing.assert_array_equal(again.speed, first.speed)
+    assert again.mapping == mapping
     with pytest.raises(RecordingError, match="--mapping"):
-        read(other, "other.csv")
+        read(raw, "next.csv")
+    assert not reused(foreign(frame).rename(columns={"note": "remark"}).to_csv().encode())
     with pytest.raises(RecordingError, match="cannot be opened"):
         load_mapping(mappings / "none.json")
     for kept in mappings.iterdir():
         assert load_mapping(kept) == mapping
         kept.write_text("{")
-    assert opened(raw, "next.csv").mapping is None
-    # Units that make speeds absurd are not remembered, else the next file would have them, too.
-    wrong = parse_mapping(MAPPING.replace('"km/h"', '"m/s"'))
-    assert np.nanmax(read(raw, "mine.csv", mapping=wrong).speed) > 70
-    assert opened(raw, "next.csv").mapping is None
+    assert not reused(raw)
+
+
+@pytest.mark.parametrize(("old", "new"), [('"km/h"', '"m/s"'), ('"ft"', '"m"')])
+def test_a_mapping_that_contradicts_the_data_is_not_remembered(old: str, new: str) -> None:
+    raw = foreign(platoon(2, 400)).to_csv(index=False).encode()
+    wrong = parse_mapping(MAPPING.replace(old, new))
+    recording = read(raw, "mine.csv", mapping=wrong, is_remembered=True)
+    assert contradictions(recording)
+    assert recall(opened(raw, "mine.csv").names) is None
 
 
 def test_several_runs_in_one_table_without_a_column_of_time() -> None:
@@ -110,10 +120,11 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         ('"km/h"', '"furlong"', 'unit: "furlong" is not known; choose from m/s'),
         ('"v2"', '"v3"', 'no column "v3"; choose among clock'),
         ('"time"', '"tame"', "no mapping"),
-        ('"unit": "ms"', '"unit": "s"', "give the time in seconds"),
+        ('"unit": "ms"', '"unit": "s"', 'column clock: .*as "s"; .*name the column.s unit'),
         ('"vehicle": 2', '"vehicle": 3', "no vehicle 3"),
         (', {"column": "v2"}', "", "speeds lists 1 columns"),
-        ('"unit": "ft", "subtract": 4.5', '"subtract": "4"', r"gaps\[0\].subtract"),
+        ('"unit": "ft", "subtract": 4.5', '"subtract": "4"', 'no column "4"'),
+        ('"unit": "ft", "subtract": 4.5', '"subtract": []', r"gaps\[0\].subtract"),
         ('"gaps"', '"sample_time": 0.1, "gaps"', "give one of the two"),
         ('"engaged"', '"range"', "asked for as numbers and as words"),
         ('"range"', '"note"', 'row 2, column note: "a" is not a number'),
@@ -157,7 +168,7 @@ def test_words_for_modes_are_found_in_any_spelling_and_what_is_neither_is_told()
         ("", "row 12: the row is empty where"),
         ('1;2;"a;4;5;1', "row 12: a quotation mark is opened and not closed; delete it"),
         ('1;2;"' + "a" * 200_000 + '";4;5;1', "the rows cannot be read as numbers"),
-        ("1.500,0;2;a;4;5;1", 'row 12, column clock: "1.500,0" is not a number'),
+        ("1.500,0;2;a;4;5;1", 'row 12, column clock: "1.500,0" is no number'),
         ("1;2.5;a;4;5;1", 'row 12, column v2: "2.5" is not a number'),
     ],
 )
@@ -228,10 +239,10 @@ def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
         (lambda f: f.assign(Speed_LV=["x", *f["Speed_LV"][1:]]), 'row 2, column Speed_LV: "x"'),
         (lambda f: f.assign(Speed_FAV=300.0), "row 2, column Speed_FAV: 300 cannot"),
         (lambda f: f.assign(Spatial_Gap=np.nan), "column Spatial_Gap: all cells are empty"),
-        (lambda f: f.assign(Time_Index=0.0), "row 3, column Time_Index: the time does not"),
+        (lambda f: f.assign(Time_Index=0.0), "row 3, column Time_Index: .*the time of the row before"),
         (lambda f: pd.concat([f, f.assign(ID_LV=7), f]), "continues here"),
         (lambda f: f.iloc[:5], "only 5 rows"),
-        (lambda f: f.assign(Time_Index=[*f["Time_Index"][:-1], np.inf]), "inf cannot"),
+        (lambda f: f.assign(Time_Index=[*f["Time_Index"][:-1], np.inf]), "the time is missing"),
     ],
 )
 def test_a_faulty_table_is_refused_with_its_place(change: object, words: str) -> None:

@@ -93,13 +93,29 @@ def test_uneven_steps_are_resampled_and_float_noise_is_left_alone() -> None:
     """Speeds are smooth: linear interpolation within 0.1 s errs by ω²A dt²/8 < 1 mm/s."""
     full, noisy = platoon(), platoon()
     rng = np.random.default_rng(2)
-    kept = np.sort(rng.choice(np.arange(1, 399), size=360, replace=False))
-    segment = cut(recording(full.iloc[[0, *kept, 399]]), start=2.0, duration=30.0)
-    assert (segment.samples, segment.sample_time) == (301, 0.1)
-    assert segment.findings == (Resampled(step=0.1),)
-    np.testing.assert_allclose(segment.speeds, recording(full).speed[20:321], atol=5e-3)
+    jitter = rng.uniform(-0.03, 0.03, len(full))
+    jitter[[0, 20, -1]] = 0.0
+    time = full["Time"] + jitter
+    uneven = full.apply(lambda column: np.interp(time, full["Time"], column))
+    segment = cut(recording(uneven), start=2.0, duration=30.0)
+    assert segment.window.duration == pytest.approx(30.0, abs=0.2)
+    assert segment.findings == (Resampled(step=segment.sample_time),)
+    true = [np.interp(segment.time + 102.0, full["Time"], full[f"Speed{k}"]) for k in (1, 2, 3)]
+    np.testing.assert_allclose(segment.speeds, np.transpose(true), atol=5e-3)
     noisy["Time"] += 1e-9 * rng.normal(size=len(noisy))
     assert cut(recording(noisy), 2.0, 30.0) == cut(recording(full), 2.0, 30.0)
+
+
+def test_rows_that_are_missing_are_bridged_as_empty_cells_are() -> None:
+    full = platoon()
+    kept = np.sort(np.random.default_rng(2).choice(np.arange(1, 399), size=360, replace=False))
+    lost = sorted({*range(1, 399)} - {*kept.tolist()})
+    segment = cut(recording(full.iloc[[0, *kept, 399]]), start=2.0, duration=30.0)
+    empty = full.copy()
+    empty.loc[lost, [name for name in full if name != "Time"]] = np.nan
+    assert segment == cut(recording(empty), start=2.0, duration=30.0)
+    assert {type(finding) for finding in segment.findings} == {Bridged}
+    np.testing.assert_allclose(segment.speeds, recording(full).speed[20:321], atol=0.02)
 
 
 # Missing samples
@@ -172,10 +188,13 @@ def test_an_instant_between_samples_is_missing_with_either_and_none_is_none() ->
     others = recording(without(slice(0, 300), "Speed3", "IVS2"))
     made = cut(others, vehicles=(1, 2), duration=20.0, allow_missing=True)
     assert (made.missing, made.findings) == (None, ())
-    frame = without(slice(100, 103), "IVS1").drop(index=[50, 200])
+    frame = without(slice(100, 103), "IVS1")
+    frame["Time"] += [0.001 * (k % 2) for k in range(len(frame))]  # uneven, so resampled
     made = cut(recording(frame), start=2.05, duration=30.0)
-    time = 2.05 + made.time[made.missing[:, 3]]
-    assert time == pytest.approx([9.95, 10.05, 10.15, 10.25, 10.35])
+    time = made.start + made.time[made.missing[:, 3]]
+    assert time[0] - 9.9 > 0
+    assert time[-1] - 10.4 < 0
+    assert len(time) == pytest.approx(5, abs=1)
 
 
 # The vehicles

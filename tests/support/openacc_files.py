@@ -71,7 +71,7 @@ def pair(
             "Trajectory_ID": name,
             "Time_Index": np.round(0.1 * np.arange(len(rows)), 6),
             "ID_LV": 100 + ahead,
-            "Type_LV": 1 if ahead == 1 else 0,
+            "Type_LV": 0 if ahead == 1 else 1,
             "Extra": "x",
             "Speed_LV": rows[f"Speed{ahead}"].to_numpy(),
             "ID_FAV": 101 + ahead,
