@@ -44,6 +44,8 @@ USUAL_TIME_GAP: tuple[Seconds, Seconds] = (0.75, 3.0)
 """Time gaps in following that support units which nothing else tells."""
 SURE = 0.9
 """Least correlation of a gap's changes with those that two speeds demand, to tell all three."""
+UNNAMED_SPEEDS = {False: ("m/s", "km/h", "mph"), True: ("ft/s", "mph")}
+"""Units of speeds that nobody names, beside gaps in m, and beside gaps in ft."""
 FITS = 0.12
 """Largest relative deviation of the slope from 1 in units that the data support."""
 TURNED_ON = frozenset(("1", "true", "acc", "on", "auto", "automated", "engaged", "active", "yes"))
@@ -532,7 +534,8 @@ def _units_of_data(
         return mapping, *_usual_time_gap(draft, mapping)
     slope = abs(slopes[0].middle)
     candidates = []
-    for speed_unit in SPEED_UNITS if speeds else ("",):
+    named = {g.unit for g in mapping.gaps if g.column not in gaps} or {"m"}
+    for speed_unit in UNNAMED_SPEEDS[named == {"ft"}] if speeds else ("",):
         for gap_unit in GAP_UNITS if gaps and not speeds else ("m",) if gaps else ("",):
             factor = GAP_UNITS.get(gap_unit, 1.0) / SPEED_UNITS.get(speed_unit, 1.0)
             candidates.append((float(abs(np.log(slope * factor))), speed_unit, gap_unit))
