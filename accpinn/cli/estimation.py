@@ -6,8 +6,6 @@
 import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from math import isfinite
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -30,7 +28,7 @@ from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import OnProgress, Outcome, Progress
+from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
@@ -45,6 +43,7 @@ from accpinn.results.documents import (
 from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.estimate import about_estimate, about_point, cards
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.progress import progress_bar
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
     errors_table,
@@ -127,7 +126,7 @@ def run_fit(options: argparse.Namespace) -> int:
         start_loading()  # while the recording is read
     settings = _settings(options)
     analysis, recording = chosen_analysis(options, options.method, options.preset, settings)
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)
         result = run(analysis, recording, store=chosen_store(options), context=context)
     try:  # before it is printed, as whoever reads that may close the pipe after the first line
@@ -167,42 +166,6 @@ def _initial(text: str, model: str | None) -> list[float]:
             f'initial: "{text[:40]}" is not {",".join(names)}; write {len(names)} numbers.'
         ) from None
     return values if chosen.is_cthp else [*STARTS[0].complete.tolist(), *values]
-
-
-@contextmanager
-def _progress_bar() -> Iterator[OnProgress]:
-    """A bar a phase on standard error where that is a terminal: time left, value, parameters."""
-    form = "{desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
-    with ExitStack() as opened:
-        phase = ""
-        bar: tqdm[Any] = tqdm(disable=True)
-
-        def show_progress(now: Progress) -> None:
-            nonlocal phase, bar
-            if now.phase != phase:
-                opened.close()
-                phase, bar = now.phase, opened.enter_context(
-                    tqdm(desc=now.phase, total=now.iterations, file=sys.stderr, bar_format=form,
-                         mininterval=0.2, disable=None)
-                )  # fmt: skip
-            bar.total = now.iterations
-            bar.set_postfix_str(", ".join(_moment(now)), refresh=False)
-            bar.update(now.iteration - bar.n)
-
-        yield show_progress
-
-
-def _moment(now: Progress) -> Iterator[str]:
-    """Time left, log likelihood or loss, and the first parameters."""
-    if now.left is not None:
-        yield f"{tqdm.format_interval(now.left)} left"
-    elif now.iteration:  # a search ends before its last iteration once it has converged
-        left = now.seconds / now.iteration * (now.iterations - now.iteration)
-        yield f"at most {tqdm.format_interval(left)} left"
-    is_loss = isfinite(now.total)
-    yield f"loss {now.total:.3g}" if is_loss else f"log likelihood {now.log_likelihood:.1f}"
-    first = now.parameters[0]
-    yield f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
 
 
 def fit_text(result: Result) -> str:

@@ -80,6 +80,11 @@ def sumo_types(
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
+
+    Examples:
+        >>> import accpinn
+        >>> accpinn.sumo_types(("A car",), accpinn.Parameters([0.08], [0.3], [1.2])).count("<vType ")
+        1
     """
     root = ElementTree.Element("additional")
     speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds.clip(min=SLOWEST)

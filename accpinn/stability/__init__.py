@@ -79,6 +79,17 @@ class Criterion(Enum):
     LINF_STRICT = "Strict L∞ string stability"
     LINF_WEAK = "Weak L∞ string stability"
 
+    def __bool__(self) -> bool:
+        """A criterion is neither met nor violated by itself.
+
+        Raises:
+            ParameterError: always; a `Verdict` has the answer.
+        """
+        raise ParameterError(
+            f"{self.value} is a question without an answer; ask a verdict, as"
+            " report.vehicles[0].l2.stable."
+        )
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -90,6 +101,10 @@ class Verdict:
     """Whether it is so close to the boundary that the verdict means nothing, see `MARGINAL`."""
     value: float
     """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
+
+    def __bool__(self) -> bool:
+        """Whether stable, so that ``if vehicle.l2:`` means what it says."""
+        return self.stable
 
     @property
     def word(self) -> str:
@@ -171,6 +186,12 @@ def stability_report(parameters: Parameters) -> StabilityReport:
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
+
+    Examples:
+        >>> import accpinn
+        >>> report = accpinn.stability_report(accpinn.Parameters(0.08, 0.3, 1.2))
+        >>> report.vehicles[0].l2.stable, round(report.vehicles[0].peak.gain, 2)
+        (False, 1.03)
     """
     parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)

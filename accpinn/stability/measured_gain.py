@@ -89,6 +89,13 @@ def measured_gain(
 
     Raises:
         SegmentError: where the complete stretches are too short for an average.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 300, (1, 2))
+        >>> gain = accpinn.measured_gain(segment, follower=0)
+        >>> gain.omega.shape == gain.gain.shape
+        True
     """
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
     first, step = segments[0], segments[0].sample_time

@@ -17,6 +17,7 @@ from typing import Any, Self
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
+from accpinn.model.registry import fingerprint
 from accpinn.model.spec import RECOMMENDED_SPEC, ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
@@ -100,7 +101,8 @@ class Analysis:
             model: key of the model; by default the method's usual one.
             fixed: parameters of it that keep their values, as {"s0": 4.0}.
             method: key of a method; by default the recommended one of the model.
-            settings: an object of the method's own type, or its JSON; None for the defaults.
+            settings: an object of the method's own type, or what differs from the preset that it
+                names, as {"preset": "fast", "iterations": 100}; None for the defaults.
 
         Raises:
             AccpinnError: one sentence that names what is not allowed, and what is.
@@ -176,6 +178,8 @@ class Analysis:
             "version": METHODS[self.method].version,
             "settings": settings,
         }
+        if code := fingerprint(self.spec.model):  # of a model from somebody's script
+            asked["code"] = code
         return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -246,9 +250,16 @@ def _settings(method: str, given: Any) -> dict[str, Any]:
     """All settings of a method, of which some may be given; none for a method without any."""
     kind = method_of(method).settings
     if kind is None:
+        if given:
+            raise ConfigError(f"settings: the method {method} has none; leave settings out.")
         return {}
-    if given is None or isinstance(given, dict):
-        given = kind.from_json(kind.default().to_json() | (given or {}))
+    if given is None or isinstance(given, Mapping):
+        given = kind.with_changes(given or {})
+    if not isinstance(given, kind):
+        raise ConfigError(
+            f"settings: {repr(given)[:40]} is not allowed; choose a dict of {method}'s settings, as"
+            ' {"iterations": 100}.'
+        )
     return dict(given.to_json())
 
 

@@ -3,7 +3,9 @@
 A setting that is not given is the preset's.
 """
 
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, Self, get_args
 
@@ -156,6 +158,22 @@ class PinnConfig:
         """The settings of whoever chooses none."""
         return cls()
 
+    @classmethod
+    def with_changes(cls, changes: Mapping[str, Any]) -> Self:
+        """The preset that the changes name, else the default one, with the other changes.
+
+        Raises:
+            ConfigError: for a setting that there is not, or one outside its range.
+        """
+        usual = preset(changes.get("preset", DEFAULT)).to_json()
+        for name in changes:
+            if name not in usual:
+                raise ConfigError(
+                    f"settings: {str(name)[:40]} is not known; choose from {', '.join(usual)}."
+                )
+        given = {name: _plain(value) for name, value in changes.items()}
+        return cls.from_json(usual | given)
+
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples and parameters."""
         document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self, enc_hook=_numbers))
@@ -172,13 +190,27 @@ class PinnConfig:
             raise ConfigError("settings: these are not the PiNN's; choose a preset instead.")
         try:
             return msgspec.convert(settings, cls, dec_hook=lambda _, values: Parameters.of(values))
-        except (TypeError, ValueError):
-            raise ConfigError("settings: not all are numbers; choose a preset instead.") from None
+        except (TypeError, ValueError) as fault:
+            place = re.search(r"\$\.(\w+)", str(fault))
+            name = place[1] if place else "initial"
+            raise ConfigError(
+                f"settings: {name} = {repr(settings[name])[:40]} is not allowed; the presets have"
+                f" {FAST.to_json()[name]}."
+            ) from None
 
     def changes(self) -> dict[str, Any]:
         """The settings that differ from the preset, as in `to_json`."""
         usual = PRESETS[self.preset].to_json()
         return {name: value for name, value in self.to_json().items() if value != usual[name]}
+
+
+def _plain(value: Any) -> Any:
+    """A setting as JSON has it, where it is an object of this package or of numpy."""
+    if isinstance(value, Parameters):
+        return _numbers(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
 
 
 def _title(setting: str) -> str:
@@ -213,7 +245,12 @@ def preset(name: str, **changes: Any) -> PinnConfig:
 
     Raises:
         ConfigError: for an unknown preset, or a setting outside its range.
+
+    Examples:
+        >>> import accpinn
+        >>> accpinn.preset("fast", iterations=100, width=40).changes()
+        {'iterations': 100, 'width': 40}
     """
-    if name not in PRESETS:
-        raise ConfigError(f"preset: {name} is not known; choose {NAMES}.")
-    return replace(PRESETS[name], **changes)
+    if not isinstance(name, str) or name not in PRESETS:
+        raise ConfigError(f"preset: {str(name)[:40]} is not known; choose {NAMES}.")
+    return PinnConfig.with_changes({"preset": name, **changes}) if changes else PRESETS[name]

@@ -50,6 +50,13 @@ def stability_table(
 
     An uncertainty adds probabilities, the posterior's verdicts, and intervals; a verdict that the
     measured gain contradicts is marked.
+
+    Examples:
+        >>> import accpinn
+        >>> cars = accpinn.ParameterSet("given", ("A car",), accpinn.Parameters([0.08], [0.3], [1.2]))
+        >>> report = accpinn.stability_report(cars.parameters)
+        >>> accpinn.stability_table(cars, report).rows[0][0]
+        'A car'
     """
     assessed, known = report.vehicles, uncertainty
     against = _contradictions(vehicles, checks)

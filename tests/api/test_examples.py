@@ -1,0 +1,54 @@
+"""Each public function's docstring has an example that runs and prints what it says."""
+
+import doctest
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+import accpinn
+from accpinn.methods.registry import METHODS, VARIANTS
+from accpinn.model.registry import FOLLOWING, TITLES
+
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+DOCUMENTED_ELSEWHERE = {"read", "cut", "download", "catalogue", "from_arrays", "from_frame"}
+"""Functions whose examples stand in the tutorial."""
+FUNCTIONS = {
+    name: value
+    for name in accpinn.__all__
+    if callable(value := getattr(accpinn, name)) and not isinstance(value, type)
+}
+FUNCTIONS |= {
+    method.__qualname__: method
+    for method in (
+        accpinn.Result.to_frame,
+        accpinn.Result.frequency_response,
+        accpinn.Result.transfer_functions,
+        accpinn.Recorded,
+    )
+}
+
+
+@pytest.fixture
+def registries() -> Iterator[None]:
+    """What an example registers is forgotten behind it."""
+    kept: list[tuple[dict[str, Any], dict[str, Any]]] = [
+        (registry, dict(registry)) for registry in (METHODS, VARIANTS, FOLLOWING, TITLES)
+    ]
+    yield
+    for registry, before in kept:
+        registry.clear()
+        registry.update(before)
+
+
+@pytest.mark.usefixtures("registries")
+@pytest.mark.parametrize("name", sorted(FUNCTIONS.keys() - DOCUMENTED_ELSEWHERE))
+def test_an_example_prints_what_it_says(name: str) -> None:
+    function: Callable[..., Any] = FUNCTIONS[name]
+    finder = doctest.DocTestFinder(recurse=False)
+    (test,) = finder.find(function, name, module=False, globs={})
+    assert test.examples, "there is no example"
+    runner = doctest.DocTestRunner(optionflags=FLAGS)
+    printed: list[str] = []
+    runner.run(test, out=printed.append)
+    assert not runner.failures, "".join(printed)
