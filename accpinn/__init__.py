@@ -69,7 +69,7 @@ _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 def __getattr__(name: str) -> Any:
     """A public name, loaded now; a function checks its arguments."""
     value = _load(name)
-    is_function = hasattr(value, "__qualname__") and not isinstance(value, type)
+    is_function = getattr(value, "__name__", "") == name and not isinstance(value, type)
     if name in __all__ and is_function:
         from accpinn.arguments import checked_function
 

@@ -437,7 +437,7 @@ def simulate_platoon(
         >>> car = accpinn.Parameters(alpha=0.08, beta=0.3, tau=1.2)
         >>> run = accpinn.simulate_platoon(car, accpinn.Sinusoid(frequency=0.25), followers=8)
         >>> run.amplitudes.measured.round(2)[[0, 1, 8]]
-        array([1.  , 1.03, 1.28])
+        array([1.  , 1.09, 2.  ])
     """
     sets = parameters.parameters if isinstance(parameters, Result) else parameters
     if isinstance(parameters, Result):

@@ -146,7 +146,7 @@ def _kinds(hint: Any) -> str:
         words = dict.fromkeys(_kinds(part) for part in args)
         return " or ".join(words)
     if origin is Literal:
-        return " or ".join(map(repr, args))
+        return " or ".join(map(str, args))
     if hint in KINDS:
         return KINDS[hint]
     kind = origin or hint
@@ -235,11 +235,8 @@ def _items(kind: Any, args: Sequence[Any], value: Any) -> Any:
         if len(value) != len(args):
             raise _Mismatch
         return tuple(_converted(part, item) for part, item in zip(args, value, strict=True))
-    return (
-        [_converted(args[0], item) for item in value]
-        if kind is list
-        else tuple(_converted(args[0], item) for item in value)
-    )
+    items = [_converted(args[0], item) for item in value]
+    return items if isinstance(value, list) else tuple(items)
 
 
 def _array(value: Any) -> Any:

@@ -80,6 +80,8 @@ def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
 def _data_of(options: argparse.Namespace) -> Recording | None:
     """The recording that the options name, if they name one."""
     if not options.recording:
+        if options.trajectory is not None:
+            raise ConfigError("trajectory: it is of a --recording; give both, or neither.")
         return None
     return read(options.recording, trajectory=options.trajectory)
 

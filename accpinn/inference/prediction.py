@@ -115,8 +115,8 @@ def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> 
         >>> import accpinn
         >>> result = accpinn.fit(accpinn.sample("motorway"), 0, 60, vehicles="1-2")
         >>> band = accpinn.gap_band(result.segment, result.estimate, result.uncertainty)
-        >>> band.lower.shape
-        (601, 1)
+        >>> band.lower.shape  # one instant each half second
+        (121, 1)
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None

@@ -99,6 +99,11 @@ def method_of(key: str) -> Method:
     return METHODS[_ALIASES.get(key, key)]
 
 
+def title_of(key: str) -> str:
+    """The name of a method wherever people read it; an unknown key as it is."""
+    return METHODS[key].title if key in METHODS else key
+
+
 def known_variant(name: str) -> str:
     """The name in `VARIANTS` that a name stands for.
 

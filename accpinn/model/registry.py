@@ -231,7 +231,7 @@ def fingerprint(key: str) -> str:
 
     It is a digest of the parameters with their priors, and of the acceleration at some motions.
     """
-    return "" if key in SHIPPED else _fingerprint(FOLLOWING[key])
+    return _fingerprint(FOLLOWING[key]) if key in FOLLOWING.keys() - SHIPPED else ""
 
 
 def _fingerprint(model: FollowingModel) -> str:

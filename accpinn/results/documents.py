@@ -196,7 +196,7 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
         >>> import accpinn
         >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
         >>> sorted(accpinn.parameter_card(result))[:2]
-        ['accpinn', 'attribution']
+        ['about', 'attribution']
     """
     info, estimate, known = snapshot.info, snapshot.estimate, snapshot.posterior
     return {

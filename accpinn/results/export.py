@@ -83,7 +83,8 @@ def sumo_types(
 
     Examples:
         >>> import accpinn
-        >>> accpinn.sumo_types(("A car",), accpinn.Parameters([0.08], [0.3], [1.2])).count("<vType ")
+        >>> cars = accpinn.Parameters([0.08], [0.3], [1.2])
+        >>> accpinn.sumo_types(("A car",), cars).count("<vType ")
         1
     """
     root = ElementTree.Element("additional")

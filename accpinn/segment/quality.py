@@ -236,7 +236,7 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
     Examples:
         >>> import accpinn
         >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 60, (1, 2))
-        >>> accpinn.label_regimes(segment).labels.shape
+        >>> accpinn.label_regimes(segment).codes.shape
         (601, 1)
     """
     codes = np.full(segment.gaps.shape, FOLLOWING, np.uint8)

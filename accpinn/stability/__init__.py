@@ -191,7 +191,7 @@ def stability_report(parameters: Parameters) -> StabilityReport:
         >>> import accpinn
         >>> report = accpinn.stability_report(accpinn.Parameters(0.08, 0.3, 1.2))
         >>> report.vehicles[0].l2.stable, round(report.vehicles[0].peak.gain, 2)
-        (False, 1.03)
+        (False, 1.13)
     """
     parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)

@@ -367,8 +367,8 @@ class Result:
             >>> import accpinn
             >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
             >>> frame = result.to_frame()
-            >>> list(frame[["vehicle", "method", "model", "outcome"]].iloc[0])
-            [2, 'splines', 'cthp', 'solved']
+            >>> frame.method[0], frame.model[0], frame.outcome[0]
+            ('splines', 'cthp', 'solved')
             >>> frame[["alpha", "alpha_low", "time_gap_at_100_kmh_s_extrapolated"]].shape
             (1, 3)
         """

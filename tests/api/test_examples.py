@@ -2,6 +2,7 @@
 
 import doctest
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import accpinn
 from accpinn.methods.registry import METHODS, VARIANTS
 from accpinn.model.registry import FOLLOWING, TITLES
+from tests.support.studies import row, write_study
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 DOCUMENTED_ELSEWHERE = {"read", "cut", "download", "catalogue", "from_arrays", "from_frame"}
@@ -16,7 +18,8 @@ DOCUMENTED_ELSEWHERE = {"read", "cut", "download", "catalogue", "from_arrays", "
 FUNCTIONS = {
     name: value
     for name in accpinn.__all__
-    if callable(value := getattr(accpinn, name)) and not isinstance(value, type)
+    if getattr(value := getattr(accpinn, name), "__name__", "") == name
+    and not isinstance(value, type)
 }
 FUNCTIONS |= {
     method.__qualname__: method
@@ -24,7 +27,6 @@ FUNCTIONS |= {
         accpinn.Result.to_frame,
         accpinn.Result.frequency_response,
         accpinn.Result.transfer_functions,
-        accpinn.Recorded,
     )
 }
 
@@ -41,7 +43,15 @@ def registries() -> Iterator[None]:
         registry.update(before)
 
 
-@pytest.mark.usefixtures("registries")
+@pytest.fixture
+def _study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder "study" as a batch leaves it, where examples run."""
+    about = (("Volvo", "a"), ("Audi", "b"))
+    write_study(tmp_path / "study", *(row(make, sha256=sha, file=sha) for make, sha in about))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("registries", "_study")
 @pytest.mark.parametrize("name", sorted(FUNCTIONS.keys() - DOCUMENTED_ELSEWHERE))
 def test_an_example_prints_what_it_says(name: str) -> None:
     function: Callable[..., Any] = FUNCTIONS[name]

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from accpinn.api import fit, save
+from accpinn import fit, save
 from accpinn.errors import ConfigError
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Criterion

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Seconds
 
@@ -190,7 +190,7 @@ class PinnConfig:
             raise ConfigError("settings: these are not the PiNN's; choose a preset instead.")
         try:
             return msgspec.convert(settings, cls, dec_hook=lambda _, values: Parameters.of(values))
-        except (TypeError, ValueError) as fault:
+        except (TypeError, ValueError, ParameterError) as fault:
             place = re.search(r"\$\.(\w+)", str(fault))
             name = place[1] if place else "initial"
             raise ConfigError(

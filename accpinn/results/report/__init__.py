@@ -112,7 +112,7 @@ def render_report(
         >>> import accpinn
         >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
         >>> accpinn.render_report(result, with_curves=False)[:15]
-        '<!doctype html>'
+        '<!DOCTYPE html>'
     """
     verification = verification or verify(snapshot, refit_within=PROMPT)
     script = (HERE / "page.js").read_text(encoding="utf-8")

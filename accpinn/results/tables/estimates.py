@@ -15,6 +15,7 @@ from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.estimate import SPEEDS, Estimate, Span
+from accpinn.methods.registry import title_of as title_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, value_of
 from accpinn.results.description import (

@@ -53,8 +53,9 @@ def stability_table(
 
     Examples:
         >>> import accpinn
-        >>> cars = accpinn.ParameterSet("given", ("A car",), accpinn.Parameters([0.08], [0.3], [1.2]))
-        >>> report = accpinn.stability_report(cars.parameters)
+        >>> parameters = accpinn.Parameters([0.08], [0.3], [1.2])
+        >>> report = accpinn.stability_report(parameters)
+        >>> cars = accpinn.ParameterSet("given", ("A car",), parameters)
         >>> accpinn.stability_table(cars, report).rows[0][0]
         'A car'
     """
