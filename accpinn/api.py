@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from accpinn import platoon
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, shown
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import OnProgress
 from accpinn.methods.pinn.config import DEFAULT
@@ -208,7 +208,7 @@ def _windows(
         chosen = []
     if not chosen:
         raise ConfigError(
-            f"windows: {repr(windows)[:40]} is not allowed; choose pairs of start and end in s, as"
+            f"windows: {shown(windows)} is not allowed; choose pairs of start and end in s, as"
             " [(0, 300), (600, 900)]."
         )
     return chosen
@@ -218,7 +218,7 @@ def _segments(data: Segment | Sequence[Segment]) -> tuple[Segment, ...]:
     segments = (data,) if isinstance(data, Segment) else tuple(data)
     if not segments or not all(isinstance(segment, Segment) for segment in segments):
         raise ConfigError(
-            f"source: {repr(data)[:40]} is not allowed; choose a file's path, a recording, or"
+            f"source: {shown(data)} is not allowed; choose a file's path, a recording, or"
             " segments of recordings."
         )
     return segments
@@ -555,5 +555,5 @@ def _recording(source: object) -> Recording:
     if isinstance(source, Recording):
         return source
     if not isinstance(source, str | os.PathLike | bytes):
-        raise ConfigError(f"recording: {repr(source)[:40]} is not allowed; choose a file's path.")
+        raise ConfigError(f"recording: {shown(source)} is not allowed; choose a file's path.")
     return read(source)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache, wraps
 from numbers import Integral, Real
-from types import NoneType, UnionType
+from types import NoneType, SimpleNamespace, UnionType
 from typing import (
     Annotated,
     Any,
@@ -26,7 +26,7 @@ from typing import (
     get_type_hints,
 )
 
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -98,10 +98,9 @@ def checked_method(method: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _described(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
-    try:
-        hints = get_type_hints(function, include_extras=True)
-    except NameError:  # an annotation that type checkers alone can see
-        hints = {}
+    given = {n: hint for n, hint in function.__annotations__.items() if n != "return"}
+    names = getattr(inspect.unwrap(function), "__globals__", {})
+    hints = get_type_hints(SimpleNamespace(__annotations__=given), names, include_extras=True)
     return inspect.signature(function), hints
 
 
@@ -110,16 +109,7 @@ def _checked(name: str, hint: Any, value: Any) -> Any:
         return _converted(hint, value)
     except _Mismatch:
         allowed = CURES.get(name) or _kinds(hint)
-        raise ConfigError(f"{name}: {_shown(value)} is not allowed; choose {allowed}.") from None
-
-
-def _shown(value: Any) -> str:
-    """A value in a few characters of one line."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:50]} …"
+        raise ConfigError(f"{name}: {shown(value)} is not allowed; choose {allowed}.") from None
 
 
 def _unbound(
@@ -229,9 +219,10 @@ def _items(kind: Any, args: Sequence[Any], value: Any) -> Any:
     allowed = Iterable if kind is Iterable else Sequence
     if isinstance(value, str | bytes) or not isinstance(value, allowed):
         raise _Mismatch
-    if not isinstance(value, Sequence) or not args:
+    if not args:
         return value
     if kind is tuple and args[-1:] != (...,):
+        value = tuple(value)
         if len(value) != len(args):
             raise _Mismatch
         return tuple(_converted(part, item) for part, item in zip(args, value, strict=True))
@@ -250,3 +241,13 @@ def _array(value: Any) -> Any:
     if array.dtype.kind not in "fiub":
         raise _Mismatch
     return value if isinstance(value, np.ndarray) else array
+
+
+def check_level(level: float) -> None:
+    """Refuse what is no level of an interval.
+
+    Raises:
+        ConfigError: naming the value.
+    """
+    if not 0.0 < level < 1.0:
+        raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.arguments import checked_method
+from accpinn.arguments import check_level, checked_method
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
@@ -635,16 +635,6 @@ class Estimate:
             share = level or (known.level if known else float("nan"))
             self._spans[key] = Span.of(of(self.parameters)[follower], draws, share)
         return self._spans[key]
-
-
-def check_level(level: float) -> None:
-    """Refuse what is no level of an interval.
-
-    Raises:
-        ConfigError: naming the value.
-    """
-    if not 0.0 < level < 1.0:
-        raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
 
 
 def of_window(arrays: Mapping[str, Any], window: int) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accpinn.errors import ParameterError
+from accpinn.errors import ParameterError, shown
 from accpinn.units import FloatArray, Mask, Metres, Seconds, frozen
 
 Case = Literal["I", "II"]
@@ -76,7 +76,7 @@ class Parameters:
         try:
             parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
         except (TypeError, ValueError):
-            shapes = ", ".join(repr(value)[:20] for value in (alpha, beta, tau))
+            shapes = ", ".join(map(shown, (alpha, beta, tau)))
             raise ParameterError(
                 f"parameters: α, β, τ = {shapes} are no numbers of one shape; give a number or an"
                 " array of each, one entry a vehicle."
@@ -96,7 +96,7 @@ class Parameters:
             columns = np.empty(0)
         if len(columns) < 3:
             raise ParameterError(
-                f"parameters: {repr(values)[:40]} is no array (.., 3) of numbers; give α, β and τ"
+                f"parameters: {shown(values)} is no array (.., 3) of numbers; give α, β and τ"
                 " along the last axis."
             )
         return cls(*columns)

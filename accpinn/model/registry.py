@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accpinn.channels import PARAMETER_KEYS
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, shown
 from accpinn.model.cthp import TERMS, Parameters, Trajectories
 from accpinn.model.cthp import simulate as simulate_cthp
 from accpinn.model.following import COMPLEX_STEP, FollowingModel, Parameter
@@ -164,7 +164,7 @@ def following_model(key: str) -> FollowingModel:
     """
     if not isinstance(key, str) or key not in FOLLOWING:
         known = ", ".join(FOLLOWING)
-        raise ConfigError(f"model: {str(key)[:40]} is not known; choose from {known}.")
+        raise ConfigError(f"model: {shown(key)} is not known; choose from {known}.")
     return FOLLOWING[key]
 
 

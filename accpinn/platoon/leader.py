@@ -13,7 +13,7 @@ from numbers import Real
 
 import numpy as np
 
-from accpinn.errors import ParameterError
+from accpinn.errors import ParameterError, shown
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, frozen
 
 POSITIVE = ("frequency", "deceleration", "acceleration", "duration")
@@ -45,7 +45,7 @@ class _Settings:
         for name, value in vars(self).items():
             if isinstance(value, bool) or not isinstance(value, Real) or not isfinite(value):
                 raise ParameterError(
-                    f"Leader: {name} = {str(value)[:40]} is no number; give a finite one."
+                    f"Leader: {name} = {shown(value)} is no number; give a finite one."
                 )
             if name in POSITIVE and value <= 0:
                 raise ParameterError(f"Leader: {name} = {value:g}, but it must be above zero.")

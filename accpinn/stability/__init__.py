@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from accpinn.display import Displayed
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel, Values
@@ -40,6 +41,8 @@ from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_ta
 from accpinn.stability.lagged import is_lagged
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 
+VEHICLES = 6
+"""Vehicles that `print` lists; of more the number is told."""
 CERTAIN = 0.95
 """A vehicle is called string stable from this probability on, and unstable up to its complement."""
 Assessment = Literal["unstable", "stable", "undecided", "not determined"]
@@ -173,11 +176,28 @@ class PlatoonStability:
 
 
 @dataclass(frozen=True, eq=False)
-class StabilityReport:
+class StabilityReport(Displayed):
     """The string stability of some vehicles, one by one and as a platoon."""
 
     vehicles: tuple[VehicleStability, ...]
     platoon: PlatoonStability
+
+    def __str__(self) -> str:
+        """A line a vehicle, then the platoon's verdicts."""
+        lines = ["String stability"]
+        for k, vehicle in enumerate(self.vehicles[:VEHICLES], 1):
+            at = f" at {vehicle.peak.omega:.2f} rad/s" if vehicle.peak.omega else ""
+            lines.append(
+                f"  Follower {k}: L₂ {vehicle.l2.word}, peak {vehicle.peak.gain:.3g}{at}; L∞"
+                f" {vehicle.linf_exact.word}, gain {vehicle.linf_gain:.3g} (paper's criterion:"
+                f" {vehicle.linf_paper.word})"
+            )
+        if (more := len(self.vehicles) - VEHICLES) > 0:
+            lines.append(f"  and {more} more follower{'s' * (more > 1)}")
+        platoon = self.platoon
+        for verdict in (platoon.l2_weak, platoon.linf_weak):
+            lines.append(f"  Platoon: {verdict.criterion.value}: {verdict.word}")
+        return "\n".join([*lines, "More: .vehicles[0].poles, .smallest_tau, .platoon.peaks"])
 
 
 @lru_cache(maxsize=64)  # pages ask for the same again and again

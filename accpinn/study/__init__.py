@@ -14,7 +14,9 @@ from hashlib import sha256
 from numbers import Integral, Real
 from typing import Any, Self
 
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.arguments import checked_method
+from accpinn.display import Displayed
+from accpinn.errors import ConfigError, SegmentError, shown
 from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
 from accpinn.model.registry import fingerprint
@@ -51,7 +53,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(Displayed):
     """One question: the parameters of these vehicles in these windows, by this method."""
 
     source: Source
@@ -75,7 +77,20 @@ class Analysis:
         if not self.settings and self.method in METHODS:
             object.__setattr__(self, "settings", _settings(self.method, None))
 
+    def __str__(self) -> str:
+        """Data, model, method and the settings that differ from the preset, a line each."""
+        asked = _asked(self)
+        if preset := self.settings.get("preset"):
+            asked["method"] += f", preset {preset}"
+            changes = {k: v for k, v in self.config.changes().items() if k != "preset"}
+            listed = ", ".join(f"{name} = {value}" for name, value in changes.items())
+            asked["settings"] = listed or "the preset's"
+        asked["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
+        lines = [f"  {name}: {text}" for name, text in asked.items()]
+        return "\n".join(["Analysis", *lines, "More: .key, .settings; accpinn.run answers it"])
+
     @classmethod
+    @checked_method
     def of(
         cls,
         recording: Recording,
@@ -257,7 +272,7 @@ def _settings(method: str, given: Any) -> dict[str, Any]:
         given = kind.with_changes(given or {})
     if not isinstance(given, kind):
         raise ConfigError(
-            f"settings: {repr(given)[:40]} is not allowed; choose a dict of {method}'s settings, as"
+            f"settings: {shown(given)} is not allowed; choose a dict of {method}'s settings, as"
             ' {"iterations": 100}.'
         )
     return dict(given.to_json())
@@ -276,4 +291,4 @@ def vehicles_of(recording: Recording, vehicles: str | Sequence[int] | None) -> t
 
 def _require(value: object, kind: type, name: str, allowed: str) -> None:
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")
+        raise ConfigError(f"{name}: {shown(value)} is not allowed; choose {allowed}.")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
@@ -185,6 +185,8 @@ def spread_of(results: Sequence[Result]) -> Spread:
         >>> accpinn.spread_of(results).percent.shape
         (1, 3)
     """
+    if not results:
+        raise ConfigError("results: none is given; choose those of trainings, in a list.")
     if len(results) < 2:
         return Spread(np.full((results[0].info.followers, 3), np.nan), ())
     tables = np.array([result.parameters.values for result in results])

@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 from scipy.special import betainc
 from scipy.stats import multivariate_normal
 
+from accpinn.arguments import check_level
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
@@ -38,7 +39,7 @@ from accpinn.inference.window_posterior import (
     parameters_of,
     possible,
 )
-from accpinn.methods.estimate import SPEEDS, Span, check_level
+from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec

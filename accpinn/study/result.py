@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn import __version__
-from accpinn.arguments import checked_method
-from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError
+from accpinn.arguments import check_level, checked_method
+from accpinn.display import Displayed
+from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError, shown
 from accpinn.evaluation import Evaluation, cross_validate, evaluate
 from accpinn.evaluation.closed_loop import ClosedLoop, closed_loop
 from accpinn.findings import Finding
@@ -33,7 +34,14 @@ from accpinn.inference.trust import Trust, trust
 from accpinn.inference.typical import posterior_findings
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import SPEEDS, Estimate, History, Posterior, Span, check_level
+from accpinn.methods.estimate import (
+    SPEEDS,
+    Estimate,
+    History,
+    Outcome,
+    Posterior,
+    Span,
+)
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import time_gap
@@ -53,6 +61,8 @@ if TYPE_CHECKING:
     from xarray import DataTree
 
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
+FOLLOWERS, WARNINGS = 5, 3
+"""Followers and warnings that `print` lists; of more the number is told."""
 NO_XARRAY = 'xarray is not installed; install it by pip install "accpinn[draws]".'
 
 
@@ -74,7 +84,7 @@ class Origin:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(Displayed):
     """What came of an analysis; see `run`. A snapshot is a result in a file.
 
     What follows from analysis, estimate and data is computed when it is first asked for, and kept.
@@ -113,22 +123,35 @@ class Result:
         return f"<Result: {self.estimate.method} on {self.info.source}, {windows}>"
 
     def __str__(self) -> str:
-        """A line on what it is, one a follower, what is against it, and what to ask it."""
+        """What it is and how it ended, a line a follower, what is against it, and what to ask it.
+
+        An estimation that did not converge says so first.
+        """
         found, title = self.estimate, self.estimate.following.title
         preset = found.settings.get("preset")
-        lines = [f"{repr(self)[1:-1]}: {f'preset {preset}, ' if preset else ''}{title}"]
-        lines += [] if found.is_finished else [found.outcome.value]
+        first = f"{repr(self)[1:-1]}: {f'preset {preset}, ' if preset else ''}{title}"
+        is_whole = found.outcome in (Outcome.CONVERGED, Outcome.SOLVED, Outcome.FILTERED)
+        ended = found.outcome.value
+        lines = [f"{first}; {ended.partition(':')[0].lower()}"] if is_whole else [ended, first]
         is_shared, speed = self.info.shares(found.case), found.stated_speed
-        for k, label in enumerate(("All followers",) if is_shared else self.info.labels[1:]):
+        labels = ("All followers",) if is_shared else self.info.labels[1:]
+        for k, label in enumerate(labels[:FOLLOWERS]):
             gap = found.time_gap(speed, k)
             ends = f" ({100 * found.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})" if (
                 found.level
             ) else ""  # fmt: skip
             values = [f"{n} {found.values(found.parameters, n)[k]:.4g}" for n in found.names]
-            said = f"{gap.value:.2f} s at {3.6 * speed:.0f} km/h{ends}; {', '.join(values)}"
-            lines.append(f"{label}: {said}. {self.trust[k].in_words}")
-        lines += dict.fromkeys(finding.sentence(self.info) for finding in self.warnings)
-        return "\n".join([*lines, "More: .parameters, .posterior, .stability, .evaluation"])
+            car = f"{gap.value:.2f} s at {3.6 * speed:.0f} km/h{ends}; {', '.join(values)}"
+            lines.append(f"{label}: {car}. {self.trust[k].in_words}")
+        if (more := len(labels) - FOLLOWERS) > 0:
+            lines.append(f"and {more} more follower{'s' * (more > 1)}: .to_frame()")
+        if not found.posterior:
+            lines.append("A point, without intervals; the default method has them.")
+        said = [*dict.fromkeys(finding.sentence(self.info) for finding in self.warnings)]
+        lines += said[:WARNINGS]
+        if (more := len(said) - WARNINGS) > 0:
+            lines.append(f"and {more} more warning{'s' * (more > 1)}: .warnings")
+        return "\n".join([*lines, "More: .to_frame(), .posterior, .stability, .evaluation"])
 
     @property
     def id(self) -> str:
@@ -419,7 +442,7 @@ class Result:
         at = np.asarray(omega, float)
         if at.ndim != 1 or not (np.isfinite(at) & (at >= 0)).all():
             raise ParameterError(
-                f"omega: {repr(omega)[:40]} is not allowed; choose frequencies in rad/s, zero or"
+                f"omega: {shown(omega)} is not allowed; choose frequencies in rad/s, zero or"
                 " more, along one axis."
             )
         return np.asarray(response(self.parameters, at).T)

@@ -10,6 +10,7 @@ from math import isnan, nan
 import numpy as np
 
 from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
+from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -296,10 +297,16 @@ def methods_table(
         >>> len(accpinn.methods_table(results, follower=0).rows)
         2
     """
+    if not results and recommended is None:
+        raise ConfigError("results: none is given; choose what accpinn.compare yields, in a list.")
     own = recommended.analysis.key if recommended else ""
     others = [result for result in results if result.analysis.key != own]
     rows = [recommended, *others] if recommended else others
     info, found = rows[0].info, [result.estimate for result in rows]
+    if not 0 <= follower < info.followers:
+        raise ConfigError(
+            f"follower: {follower} is not there; choose 0 to {info.followers - 1}, the first is 0."
+        )
     known, speed = recommended.uncertainty if recommended else None, found[0].stated_speed
     gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
     if known:
