@@ -133,7 +133,7 @@ def _kinds(hint: Any) -> str:
         unit = args[1] if isinstance(args[1], str) else ""
         return f"a number in {unit}" if unit else _kinds(args[0])
     if origin in (Union, UnionType):
-        words = dict.fromkeys(_kinds(part) for part in args)
+        words = dict.fromkeys(_kinds(part) for part in args if part is not NoneType)
         return " or ".join(words)
     if origin is Literal:
         return " or ".join(map(str, args))

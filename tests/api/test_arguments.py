@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import accpinn
 from accpinn import AccpinnError, Parameters
-from accpinn.methods.registry import METHODS, VARIANTS
-from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.methods.registry import METHODS
+from accpinn.model.registry import FOLLOWING
 from accpinn.study import batch as batch_room
 from tests.support.studies import row, rows
 
@@ -151,15 +151,10 @@ def called(name: str, argument: str, value: Any) -> str:
 
 
 @pytest.fixture
-def _harmless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _harmless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, registries: None) -> None:
     """What is allowed by chance leaves nothing behind."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(batch_room, "run_request", lambda *_: None)
-    kept = [(registry, dict(registry)) for registry in (METHODS, VARIANTS, FOLLOWING, TITLES)]
-    yield
-    for registry, before in kept:
-        registry.clear()
-        registry.update(before)
 
 
 def test_every_public_function_is_called_here() -> None:

@@ -13,24 +13,14 @@ import pytest
 import accpinn
 from accpinn import AccpinnError, Parameters, Result
 from accpinn.cli import main
-from accpinn.methods.registry import METHODS, VARIANTS
-from accpinn.model.registry import FOLLOWING, TITLES, fingerprint
+from accpinn.methods.registry import METHODS
+from accpinn.model.registry import FOLLOWING, fingerprint
 from accpinn.study.batch import batch
 from tests.support.command import ROOT, Capture, document
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import recommended, trained, two_windows
 
 SHORT = {"start": 0, "duration": 60, "vehicles": "1-2"}
-
-
-@pytest.fixture
-def _forgotten() -> Any:
-    """What a test registers is forgotten behind it."""
-    kept = [(registry, dict(registry)) for registry in (METHODS, VARIANTS, FOLLOWING, TITLES)]
-    yield
-    for registry, before in kept:
-        registry.clear()
-        registry.update(before)
 
 
 @cache
@@ -250,7 +240,7 @@ accpinn.register_model(accpinn.FollowingModel("linear", "Linear", (
 """
 
 
-@pytest.mark.usefixtures("_forgotten")
+@pytest.mark.usefixtures("registries")
 class TestOwnModels:
     def test_a_model_from_a_script_is_estimated_kept_and_unknown_elsewhere(
         self, tmp_path: Path

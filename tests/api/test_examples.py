@@ -1,15 +1,13 @@
 """Each public function's docstring has an example that runs and prints what it says."""
 
 import doctest
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import accpinn
-from accpinn.methods.registry import METHODS, VARIANTS
-from accpinn.model.registry import FOLLOWING, TITLES
 from tests.support.studies import row, write_study
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
@@ -29,18 +27,6 @@ FUNCTIONS |= {
         accpinn.Result.transfer_functions,
     )
 }
-
-
-@pytest.fixture
-def registries() -> Iterator[None]:
-    """What an example registers is forgotten behind it."""
-    kept: list[tuple[dict[str, Any], dict[str, Any]]] = [
-        (registry, dict(registry)) for registry in (METHODS, VARIANTS, FOLLOWING, TITLES)
-    ]
-    yield
-    for registry, before in kept:
-        registry.clear()
-        registry.update(before)
 
 
 @pytest.fixture
