@@ -163,8 +163,8 @@ def following_model(key: str) -> FollowingModel:
         ConfigError: for an unknown key.
     """
     if not isinstance(key, str) or key not in FOLLOWING:
-        known = ", ".join(FOLLOWING)
-        raise ConfigError(f"model: {shown(key)} is not known; choose from {known}.")
+        known, name = ", ".join(FOLLOWING), shown(key).strip("'")
+        raise ConfigError(f"model: {name} is not known; choose from {known}.")
     return FOLLOWING[key]
 
 

@@ -266,5 +266,6 @@ def preset(name: str, **changes: Any) -> PinnConfig:
         {'iterations': 100, 'width': 40}
     """
     if not isinstance(name, str) or name not in PRESETS:
-        raise ConfigError(f"preset: {shown(name)} is not known; choose {NAMES}.")
+        given = shown(name).strip("'")
+        raise ConfigError(f"preset: {given} is not known; choose {NAMES}.")
     return PinnConfig.with_changes({"preset": name, **changes}) if changes else PRESETS[name]
