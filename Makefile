@@ -9,8 +9,7 @@ PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
 
 # `make app ADDRESS=0.0.0.0` lets other machines in, HOST=app.lab.org by that name only; without PORT
 # the first free one from 8501 on.
-LISTEN = $(if $(ADDRESS),--server.address=$(ADDRESS) '--server.allowedHosts=$(or $(HOST),*)') \
-    $(if $(PORT),--server.port=$(PORT))
+LISTEN = $(if $(ADDRESS),--address $(ADDRESS) $(if $(HOST),--host $(HOST))) $(if $(PORT),--port $(PORT))
 
 # One test process a core; each keeps its linear algebra to one thread. A file's tests share one. In
 # the order of names the browser's come first, so that short ones fill the end. Bytecode is kept even
@@ -27,7 +26,7 @@ help:  ## show this list
 .PHONY: app
 app: $(VENV)/app.stamp  ## install what is missing, start the app and print its address
 	@echo "Starting the app; stop it with Ctrl+C."
-	@$(BIN)/python -m streamlit run app.py $(LISTEN)
+	@$(BIN)/accpinn app $(LISTEN)
 
 .PHONY: test
 test: $(VENV)/dev.stamp  ## run all tests (real recordings: set OPENACC_DIR; browser: needs Chromium)
@@ -70,9 +69,11 @@ clean:  ## remove .venv and everything the tools left behind
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is younger than its list of packages exactly when they are installed.
-$(VENV)/app.stamp: requirements.txt | $(BIN)/python
+# The package itself is installed as it lies here, so that a script anywhere imports it.
+$(VENV)/app.stamp: requirements.txt pyproject.toml setup.py | $(BIN)/python
 	@echo "Installing the app's packages into $(VENV) (the first time takes some minutes) ..."
 	@$(PIP) -r requirements.txt
+	@$(PIP) --no-deps -e .
 	@touch $@
 
 $(VENV)/dev.stamp: requirements-dev.txt $(VENV)/app.stamp

@@ -8,23 +8,31 @@ accpinn.save(result, "result.accpinn.zip")
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from accpinn.errors import ConfigError
+from accpinn import platoon
+from accpinn.errors import ConfigError, shown
 from accpinn.methods import TaskContext
+from accpinn.methods.estimate import OnProgress
 from accpinn.methods.pinn.config import DEFAULT
-from accpinn.methods.pinn.config import preset as named_config
-from accpinn.methods.registry import COMPARED, method_of, recommended_method
-from accpinn.model.cthp import Case
+from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.model.cthp import Case, Parameters
+from accpinn.model.registry import JUDGED, PAPER, following_model
+from accpinn.platoon import PlatoonRun
+from accpinn.platoon.leader import Leader, Recorded
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import read
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, parse_windows
-from accpinn.study import Analysis, comparison, single_window, snapshot, verification
+from accpinn.storage import shipped
+from accpinn.study import Analysis, comparison, single_window, snapshot, vehicles_of, verification
+from accpinn.study.judge import Judgements, subjects_of
+from accpinn.study.judge import judge as judge_models
 from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of, run
@@ -32,12 +40,69 @@ from accpinn.study.store import Store
 from accpinn.study.verification import PATIENCE, Verification
 from accpinn.units import Seconds
 
-__all__ = ["analyse", "compare", "fit", "report", "save", "verify"]
+__all__ = [
+    "analyse",
+    "compare",
+    "fit",
+    "judge",
+    "report",
+    "sample",
+    "sample_path",
+    "save",
+    "simulate_platoon",
+    "verify",
+]
 
 Data = Recording | Segment | Sequence[Segment]
 """A recording, or windows of one or of several that are cut already."""
 Windows = str | Sequence[Window | tuple[Seconds, Seconds]]
 """Several windows: "0-300,600-900", pairs of start and end in s, or "auto"."""
+_PREFIX = "synthetic_"
+"""What the file names of samples begin with."""
+
+
+def sample_path(name: str) -> Path:
+    """The CSV file of a sample recording.
+
+    Args:
+        name: "motorway" (four cars, 600 s), "astazero_like" and "vicolungo_like" (six and four cars
+            as on those tracks), "paper_study" and "paper_study_noise_free" (the paper's simulation
+            of two cars). All are simulated; beside each file one that ends in .truth.json has the
+            true parameters.
+
+    Raises:
+        ConfigError: for another name.
+
+    Examples:
+        >>> import accpinn
+        >>> accpinn.sample_path("motorway").name
+        'synthetic_motorway.csv'
+    """
+    paths = {path.stem: path for path in sorted(shipped("sample_data").glob("*.csv"))}
+    stem = name.removesuffix(".csv")
+    path = paths.get(stem) or paths.get(_PREFIX + stem)
+    if path is None:
+        known = ", ".join(stem.removeprefix(_PREFIX) for stem in paths) or "none, as none are here"
+        raise ConfigError(f"name: {name[:40]} is no sample; choose {known}.")
+    return path
+
+
+def sample(name: str) -> Recording:
+    """A sample recording, of which the true parameters are known; see `sample_path`.
+
+    Args:
+        name: "motorway" and others.
+
+    Raises:
+        ConfigError: for another name.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> recording.duration, len(recording.vehicles)
+        (600.0, 4)
+    """
+    return read(sample_path(name))
 
 
 def analyse(
@@ -53,13 +118,19 @@ def analyse(
     method: str | None = None,
     preset: str | None = None,
     settings: Mapping[str, Any] | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     exclude: str | Sequence[str] = (),
 ) -> Analysis:
     """The analysis that `fit` runs; the arguments are the same, but the data are read already.
 
     Raises:
         AccpinnError: one sentence that names what is not allowed.
+
+    Examples:
+        >>> import accpinn
+        >>> asked = accpinn.analyse(accpinn.sample("motorway"), vehicles="1-2")
+        >>> asked.method, asked.spec.model, asked.settings["preset"]
+        ('pinn', 'cthp-s0-delay', 'calibrated')
     """
     key, config = _method(model, method, preset, settings, seed)
     asked: dict[str, Any] = {
@@ -88,15 +159,20 @@ def _method(
     method: str | None,
     preset: str | None,
     settings: Mapping[str, Any] | None,
-    seed: int,
+    seed: int | None,
 ) -> tuple[str, Any]:
     """The key of the method that is asked for, and its settings.
 
     Raises:
         ConfigError: for an unknown name, or a setting that the method does not have.
     """
-    if not isinstance(seed, int) or isinstance(seed, bool):
-        raise ConfigError(f"seed: {repr(seed)[:40]} is not allowed; choose a whole number, as 0.")
+    changes = dict(settings or {})
+    for name, value in (("preset", preset), ("seed", seed)):
+        if value is not None and changes.setdefault(name, value) != value:
+            raise ConfigError(
+                f"{name}: {value} contradicts {changes[name]} in settings; give one of them."
+            )
+    preset = changes.get("preset")
     if method is None:
         method = recommended_method(model) if preset is None else "pinn"
     found = method_of(method)
@@ -105,9 +181,8 @@ def _method(
             f"preset: {method} means {found.key} with the preset {DEFAULT}; leave {method} out."
         )
     if found.settings:
-        config = named_config(preset or DEFAULT, seed=seed).to_json()
-        return found.key, config | dict(settings or {})
-    _refuse(f"the method {found.key} has none", preset=preset, settings=settings)
+        return found.key, changes
+    _refuse(f"the method {found.key} has none", preset=preset, seed=seed, settings=settings)
     return found.key, None
 
 
@@ -134,7 +209,7 @@ def _windows(
         chosen = []
     if not chosen:
         raise ConfigError(
-            f"windows: {repr(windows)[:40]} is not allowed; choose pairs of start and end in s, as"
+            f"windows: {shown(windows)} is not allowed; choose pairs of start and end in s, as"
             " [(0, 300), (600, 900)]."
         )
     return chosen
@@ -144,7 +219,7 @@ def _segments(data: Segment | Sequence[Segment]) -> tuple[Segment, ...]:
     segments = (data,) if isinstance(data, Segment) else tuple(data)
     if not segments or not all(isinstance(segment, Segment) for segment in segments):
         raise ConfigError(
-            f"source: {repr(data)[:40]} is not allowed; choose a file's path, a recording, or"
+            f"source: {shown(data)} is not allowed; choose a file's path, a recording, or"
             " segments of recordings."
         )
     return segments
@@ -176,12 +251,16 @@ def fit(
     method: str | None = None,
     preset: str | None = None,
     settings: Mapping[str, Any] | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     exclude: str | Sequence[str] = (),
     store: Store | None = None,
     threads: int | None = None,
+    progress: bool | OnProgress = False,
 ) -> Result:
     """Estimate the parameters of each follower from a window of a recording, or from several.
+
+    Vehicles are numbered as in the file, from 1; followers of a result are places in its arrays,
+    from 0, so follower 0 of vehicles="3-5" is vehicle 4.
 
     Args:
         source: a CSV file, what `read` made of it, or segments that `cut` made, also of several
@@ -200,24 +279,49 @@ def fit(
             "calibrated" for a CTHP, "simulation" for any other model.
         preset: of the method "pinn": "calibrated", or the paper's "fast" and "paper", which have no
             intervals and are biased where disturbances last.
-        settings: what differs from the preset, as {"iterations": 100}.
-        seed: of a method with presets.
+        settings: what differs from the preset, as {"iterations": 100, "width": 40}; the keys are
+            the fields of `PinnConfig`.
+        seed: of the random numbers of a method with presets (0).
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
         store: where results and checkpoints are kept; None keeps nothing.
-        threads: processor threads; by default the method's choice.
+        threads: most processor threads; by default the method's choice.
+        progress: whether a bar on standard error shows how far it has got, or what is called with
+            each `Progress`.
 
     Raises:
         AccpinnError: one sentence that names what is wrong with file, window or settings.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> result.parameters.tau.round(1)
+        array([1.])
     """
     data = _data(source)
     analysis = analyse(
         data, start, duration, vehicles, windows=windows, case=case, model=model, fixed=fixed,
         method=method, preset=preset, settings=settings, seed=seed, exclude=exclude,
     )  # fmt: skip
-    context = TaskContext(threads=threads)
-    if isinstance(data, Recording):
-        return run(analysis, data, store=store, context=context)
-    return run(analysis, None, segments=_segments(data), store=store, context=context)
+    with _progress(progress) as on_progress:
+        context = _context(threads, on_progress)
+        if isinstance(data, Recording):
+            return run(analysis, data, store=store, context=context)
+        return run(analysis, None, segments=_segments(data), store=store, context=context)
+
+
+def _progress(progress: bool | OnProgress) -> Any:
+    """A context that gives what is told of progress."""
+    if isinstance(progress, bool):
+        from accpinn.results.progress import progress_bar  # tqdm, for those who watch
+
+        return progress_bar(True) if progress else nullcontext(None)
+    return nullcontext(progress)
+
+
+def _context(threads: int | None, on_progress: OnProgress | None = None) -> TaskContext:
+    if threads is not None and threads < 1:
+        raise ConfigError(f"threads: {threads} is not allowed; choose 1 or more.")
+    return TaskContext(threads=threads, on_progress=on_progress)
 
 
 def compare(
@@ -248,20 +352,112 @@ def compare(
         model: of the methods that can estimate it; the others have their usual one.
         fixed: parameters of that model that keep their values.
         exclude: regimes.
-        threads: processor threads.
+        threads: most processor threads.
 
     Raises:
         AccpinnError: as `fit` does.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> rows = accpinn.compare(recording, vehicles="1-2", methods=("least-squares", "splines"))
+        >>> [row.estimate.method for row in rows]
+        ['least-squares', 'splines']
     """
     data = _data(source)
+    for name in methods:
+        known_variant(name)
     analysis = analyse(
         data, start, duration, vehicles, windows=windows, case=case, model=model, fixed=fixed,
         exclude=exclude,
     )  # fmt: skip
-    context = TaskContext(threads=threads)
+    context = _context(threads)
     if isinstance(data, Recording):
         return comparison.compare(analysis, data, methods, context=context)
     return comparison.compare(analysis, None, methods, segments=_segments(data), context=context)
+
+
+def judge(
+    source: str | os.PathLike[str] | Recording,
+    models: Sequence[str] = JUDGED,
+    windows: Windows = AUTO,
+    vehicles: str | Sequence[int] | None = None,
+) -> Judgements:
+    """Which car-following model describes each car: each is judged in windows it has not seen.
+
+    Args:
+        source: a CSV file, or what `read` made of it.
+        models: keys of models; by default the paper's, the recommended one, and the usual ones.
+        windows: that are left out in turn, as for `fit`; of fewer than three windows, blocks.
+        vehicles: leader first; by default as for `fit`.
+
+    Raises:
+        AccpinnError: one sentence that names what is wrong with file, windows or models.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> found = accpinn.judge(recording, ("cthp", "cthp-s0"), [(0, 60), (60, 120)], "1-2")
+        >>> found.to_frame().model.tolist()
+        ['cthp-s0', 'cthp']
+    """
+    recording = _recording(source)
+    keys = tuple(dict.fromkeys(following_model(key).key for key in models))
+    if not keys:
+        raise ConfigError('models: none is given; choose keys in a tuple, as ("cthp", "idm").')
+    chosen = () if windows == AUTO else _windows(recording, windows, vehicles)
+    subjects = subjects_of(recording, vehicles_of(recording, vehicles), chosen)
+    *_, judged = judge_models(subjects, keys)
+    return Judgements(judged)
+
+
+def simulate_platoon(
+    parameters: Result | Parameters,
+    leader: Leader,
+    followers: int | None = None,
+    *,
+    sample_time: Seconds | None = None,
+    model: str | None = None,
+) -> PlatoonRun:
+    """Simulate a platoon behind a leader from equilibrium, exactly at every sample.
+
+    Args:
+        parameters: a result, for its followers in their order, or one entry a follower.
+        leader: what the vehicle ahead of them does: a `Sinusoid`, `SpeedStep`, `Brake` or
+            `Recorded` speed.
+        followers: how many times one parameter set is repeated, as 8; by default each set is one
+            follower.
+        sample_time: by default 0.1 s, or less for a fast sinusoid; a recorded leader has its own.
+        model: of `Parameters` that have parameters of their own, as the IDM's; a result knows.
+
+    Raises:
+        AccpinnError: for parameters or settings that cannot be simulated.
+
+    Examples:
+        >>> import accpinn
+        >>> car = accpinn.Parameters(alpha=0.08, beta=0.3, tau=1.2)
+        >>> run = accpinn.simulate_platoon(car, accpinn.Sinusoid(frequency=0.25), followers=8)
+        >>> run.amplitudes.measured.round(2)[[0, 1, 8]]
+        array([1.  , 1.09, 2.  ])
+    """
+    sets = parameters.parameters if isinstance(parameters, Result) else parameters
+    if isinstance(parameters, Result):
+        if model not in (None, parameters.estimate.model):
+            raise ConfigError(
+                f"model: the result is of {parameters.estimate.model}; leave model out."
+            )
+        model = parameters.estimate.model
+    elif sets.own.size and model is None:
+        raise ConfigError(
+            "model: these parameters are of a model that is no CTHP; name it, or give the result."
+        )
+    sets = sets.flat
+    if isinstance(leader, Recorded) and sample_time is not None:
+        raise ConfigError("sample_time: a recorded leader has its own; leave sample_time out.")
+    model = following_model(model or PAPER).key
+    return platoon.simulate_platoon(
+        sets[platoon.order_of(len(sets), followers)], leader, sample_time, model
+    )
 
 
 def save(result: Result, path: str | os.PathLike[str], name: str = "", note: str = "") -> Path:
@@ -275,6 +471,14 @@ def save(result: Result, path: str | os.PathLike[str], name: str = "", note: str
 
     Raises:
         SnapshotError: when there is nothing to save, or no file can be written there.
+
+    Examples:
+        >>> import accpinn, pathlib, tempfile
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = accpinn.save(result, pathlib.Path(folder) / "car.accpinn.zip", name="A car")
+        ...     accpinn.load(path).name
+        'A car'
     """
     return snapshot.save(snapshot.prepare_snapshot(result, name, note), path)
 
@@ -289,6 +493,13 @@ def report(result: Result, path: str | os.PathLike[str], curves: bool = True) ->
 
     Raises:
         SnapshotError: when there is nothing to report, or no file can be written there.
+
+    Examples:
+        >>> import accpinn, pathlib, tempfile
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     accpinn.report(result, pathlib.Path(folder) / "car.html", curves=False).name
+        'car.html'
     """
     from accpinn.results.report import render_report  # plotly's script is read from disk
 
@@ -312,9 +523,24 @@ def verify(
         refit_within: how many seconds running its methods again may be expected to take; 0 for
             none, infinity for all.
 
+    Returns:
+        its ``ok`` is True only if everything was computed again and agrees, False if something
+        differs, and None if something was not checked: without the recording, the data are not.
+
     Raises:
         AccpinnError: when one of them cannot be read.
+
+    Examples:
+        >>> import accpinn, pathlib, tempfile
+        >>> recording = accpinn.sample("motorway")
+        >>> result = accpinn.fit(recording, vehicles="1-2", method="splines")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = accpinn.save(result, pathlib.Path(folder) / "car.accpinn.zip")
+        ...     accpinn.verify(path, recording).ok, accpinn.verify(path).ok
+        (True, None)
     """
+    if not refit_within >= 0:
+        raise ConfigError(f"refit_within: {refit_within} is not allowed; choose 0 s or more.")
     snapshot_result = snapshot.load(content)
     if recording is None or isinstance(recording, Recording):
         known = recording
@@ -339,5 +565,5 @@ def _read(
     source: object, trajectory: str | None = None, mapping: CsvMapping | None = None
 ) -> Recording:
     if not isinstance(source, str | os.PathLike | bytes):
-        raise ConfigError(f"recording: {repr(source)[:40]} is not allowed; choose a file's path.")
+        raise ConfigError(f"recording: {shown(source)} is not allowed; choose a file's path.")
     return read(source, trajectory=trajectory, mapping=mapping)

@@ -1,6 +1,15 @@
 """Faults of what the user gave: each message is one sentence with place, fault and cure."""
 
 
+def shown(value: object) -> str:
+    """A value as a message has it: in one line, and cut after some fifty characters."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # whatever somebody's object does
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:50]} …"
+
+
 class AccpinnError(Exception):
     """Anything wrong with data, files or settings; its message is shown to the user verbatim."""
 

@@ -42,6 +42,16 @@ def packaged_rows(room: str, name: str) -> Iterator[dict[str, str]]:
     return csv.DictReader(text.split("\n"))
 
 
+def shipped(name: str) -> Path:
+    """A file or folder that comes with the program, as "sample_data" or "app.py".
+
+    In a checkout these stand at its top level, in an installed package within it.
+    """
+    package = Path(__file__).parent
+    installed = {"sample_data": package / name}.get(name, package / "app" / name)
+    return installed if installed.exists() else package.parent / name
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[IO[bytes]]:
     """Open a file to write that takes the place of ``path`` once the block has ended well.

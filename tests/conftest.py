@@ -5,11 +5,13 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from hypothesis import settings
 
+from accpinn.methods.registry import METHODS, VARIANTS
+from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
 from accpinn.storage import FolderName, variable
@@ -107,3 +109,14 @@ def all_draws() -> Iterator[None]:
     """As many as users have; the tests of a module share what they are of."""
     with draws.as_users_have():
         yield
+
+
+@pytest.fixture
+def registries() -> Iterator[None]:
+    """What a test registers, models and methods, is forgotten behind it."""
+    registered: tuple[dict[str, Any], ...] = (METHODS, VARIANTS, FOLLOWING, TITLES)
+    kept = [dict(registry) for registry in registered]
+    yield
+    for registry, before in zip(registered, kept, strict=True):
+        registry.clear()
+        registry.update(before)

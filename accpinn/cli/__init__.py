@@ -1,4 +1,4 @@
-"""The command line: `python -m accpinn COMMAND`.
+"""The command line: `accpinn COMMAND`, or `python -m accpinn COMMAND`.
 
 `--json` prints one JSON document on standard output; progress goes to standard error where that is
 a terminal. The exit status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one
@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from textwrap import fill
 from typing import Any, NoReturn
 
@@ -31,6 +32,7 @@ COMMANDS = {
     "runs": ("files", "results of earlier runs, searched by words"),
     "download": ("recordings", "runs of the OpenACC database from their publisher"),
     "export": ("files", "parameters of a snapshot for other programs"),
+    "app": ("app", "start the app in the browser"),
 }
 """The module of each, and its meaning.
 
@@ -38,8 +40,9 @@ The module has `NAME_OPTIONS`, `run_NAME(options)`, and where there is more to s
 """
 
 CONVENTIONS = (
-    "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
-    " the first one listed is the leader. Case I estimates one parameter set for all followers,"
+    "Times are seconds from the recording's first sample. Vehicles are numbered as in the file,"
+    " from 1, and the first one listed is the leader (in Python a follower is its place in arrays,"
+    " from 0). Case I estimates one parameter set for all followers,"
     " Case II one for each. With --json standard output is one JSON document; progress goes to"
     " standard error. Results and checkpoints of trainings are kept in the user's cache folder, or"
     " in the folder that ACCPINN_CACHE names. Exit status: 0; 1 for a fault of data or files; 2 for"
@@ -73,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Commands that are not asked for have a name only: what they import takes seconds."""
     parser = _Parser(
-        prog="python -m accpinn",
+        prog="python -m accpinn" if Path(sys.argv[0]).name == "__main__.py" else "accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
         epilog=fill(CONVENTIONS),
     )

@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, named_keys
+from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, chosen_model, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
@@ -24,6 +24,7 @@ from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
+from accpinn.study.scripts import model_key
 from accpinn.study.studies import FAILURES
 
 KEYS = (
@@ -40,8 +41,9 @@ BATCH_OPTIONS = (
            help=f"longest window in s; all: whole stretches ({DURATION:g})"),
     option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)"),
     CASE,
-    option("--model", choices=FOLLOWING, default=BEST, metavar="NAME",
-           help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}"),
+    option("--model", default=BEST, metavar="NAME",
+           help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}; or a script"
+           " ending in .py that registers one, which each worker runs"),
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place"),
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
@@ -52,7 +54,13 @@ TABLE_OPTIONS = (
     option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}"),
     option("--wide", action="store_true", help="all columns, beyond the width of a terminal"),
     option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})"),
-    option("--format", choices=[*FORMATS], default="text", help="(text)"),
+    option("--format", choices=[*FORMATS], help="(text)"),
+    option(
+        "--model",
+        type=chosen_model,
+        metavar="FILE.py",
+        help="the script that registers the model of the batch",
+    ),
     JSON,
 )
 
@@ -60,6 +68,7 @@ TABLE_OPTIONS = (
 def run_batch(options: argparse.Namespace) -> int:
     """Run what is missing, and print what the batch has come to; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
+    model_key(options.model)  # its script may register methods, too
     with interruptible() as stopped, _progress_bar() as show_progress:
         summary = batch(
             options.sources,
@@ -121,6 +130,8 @@ def _batch_text(summary: BatchProgress, out: str) -> str:
 
 def run_table(options: argparse.Namespace) -> int:
     """Group the estimates, and print the table."""
+    if options.json and (options.wide or options.format):
+        raise ConfigError("format: --json prints everything; leave --format and --wide out.")
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     grouped = group(read_study(options.study), by, options.level)
     if not grouped.groups:
@@ -128,6 +139,7 @@ def run_table(options: argparse.Namespace) -> int:
     if options.json:
         print_json(groups_document(grouped))
     else:
-        is_wide = options.wide or options.format != "text"
-        show(FORMATS[options.format](group_table(grouped, is_wide)).rstrip("\n"))
+        form = options.format or "text"
+        is_wide = options.wide or form != "text"
+        show(FORMATS[form](group_table(grouped, is_wide)).rstrip("\n"))
     return 0

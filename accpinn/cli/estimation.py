@@ -4,10 +4,10 @@
 """
 
 import argparse
+import json
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from math import isfinite
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -30,8 +30,8 @@ from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import OnProgress, Outcome, Progress
-from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS
+from accpinn.methods.estimate import Outcome
+from accpinn.methods.pinn.config import DEFAULT, FAST, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
 from accpinn.model.registry import JUDGED, PAPER, following_model
@@ -45,6 +45,7 @@ from accpinn.results.documents import (
 from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.estimate import about_estimate, about_point, cards
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.progress import progress_bar
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
     errors_table,
@@ -67,8 +68,9 @@ from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path
 
-_SETTINGS = ("initial", "iterations", "lbfgs", "seed", "threads")
-"""Options that only a method with settings has."""
+_SETTINGS = {"initial": "initial", "iterations": "iterations", "lbfgs": "lbfgs_iterations",
+             "seed": "seed"}  # fmt: skip
+"""Options that are settings of the PiNN, with the names of these."""
 _KEPT = ("name", "note")
 """Options that only a snapshot has."""
 MOST_SEEDS = 100
@@ -77,6 +79,19 @@ STARTS_HELP = fill(
     f" {len(STARTS)} trainings with one seed, as long as `fit` takes each. The table has a row a"
     " training; its last row is the spread of the estimates, in percent."
 )
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """A setting's name and its value, which is JSON or a text."""
+    name, sign, value = text.partition("=")
+    if not sign:
+        raise argparse.ArgumentTypeError(
+            f'"{text[:40]}" sets nothing; write --settings width=40, once for each setting.'
+        )
+    try:
+        return name.strip(), json.loads(value)
+    except ValueError:
+        return name.strip(), value
 
 
 FIT_HELP, COMPARE_HELP = METHODS_HELP, VARIANTS_HELP
@@ -91,6 +106,9 @@ FIT_OPTIONS = (
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most"),
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset"),
     option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)"),
+    option("--settings", type=_setting, action="append", default=[], metavar="NAME=VALUE",
+           help="any other of the PiNN's, once for each: " + ", ".join(
+               name for name in FAST.to_json() if name not in ("preset", *_SETTINGS.values()))),
     *RUN,
     option("--out", metavar="SNAPSHOT", help="save the result, with the windows' data, in a file"),
     option("--name", default="", help="of the snapshot"),
@@ -122,12 +140,12 @@ def run_fit(options: argparse.Namespace) -> int:
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     elif idle := [name for name in _KEPT if getattr(options, name)]:
-        note(f"Note: {', '.join(f'--{name}' for name in idle)} has no effect without --out.")
+        raise ConfigError(f"{idle[0]}: only a snapshot has one; give --out, or leave it out.")
     if options.preset not in (None, DEFAULT):
         start_loading()  # while the recording is read
     settings = _settings(options)
     analysis, recording = chosen_analysis(options, options.method, options.preset, settings)
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)
         result = run(analysis, recording, store=chosen_store(options), context=context)
     try:  # before it is printed, as whoever reads that may close the pipe after the first line
@@ -141,18 +159,28 @@ def run_fit(options: argparse.Namespace) -> int:
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
-    """The settings that the options name; None for a method without any."""
-    given = {
-        "initial": None if options.initial is None else _initial(options.initial, options.model),
-        "iterations": options.iterations,
-        "lbfgs_iterations": options.lbfgs,
-        "seed": options.seed,
-    }
+    """The settings that the options name; None for a method without any.
+
+    Raises:
+        ConfigError: for one that is named twice, or that the method does not have.
+    """
+    given = [
+        (setting, _initial(value, options.model) if name == "initial" else value)
+        for name, setting in _SETTINGS.items()
+        if (value := getattr(options, name)) is not None
+    ]
+    pairs = [*given, *options.settings]
+    if twice := [name for name, count in Counter(n for n, _ in pairs).items() if count > 1]:
+        raise ConfigError(f"settings: {twice[0]} is given twice; give it once.")
     method = recommended_method(options.model) if options.preset is None else "pinn"
-    if method_of(options.method or method).settings:
-        return {name: value for name, value in given.items() if value is not None}
-    if idle := [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]:
-        note(f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting.")
+    method = method_of(options.method or method).key
+    if method_of(method).settings:
+        return dict(pairs)
+    for name, value in [*((n, getattr(options, n)) for n in _SETTINGS), *options.settings]:
+        if value is not None:
+            raise ConfigError(
+                f"{name}: the method {method} has no such setting, only the PiNN; leave it out."
+            )
     return None
 
 
@@ -167,42 +195,6 @@ def _initial(text: str, model: str | None) -> list[float]:
             f'initial: "{text[:40]}" is not {",".join(names)}; write {len(names)} numbers.'
         ) from None
     return values if chosen.is_cthp else [*STARTS[0].complete.tolist(), *values]
-
-
-@contextmanager
-def _progress_bar() -> Iterator[OnProgress]:
-    """A bar a phase on standard error where that is a terminal: time left, value, parameters."""
-    form = "{desc} {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}{postfix}"
-    with ExitStack() as opened:
-        phase = ""
-        bar: tqdm[Any] = tqdm(disable=True)
-
-        def show_progress(now: Progress) -> None:
-            nonlocal phase, bar
-            if now.phase != phase:
-                opened.close()
-                phase, bar = now.phase, opened.enter_context(
-                    tqdm(desc=now.phase, total=now.iterations, file=sys.stderr, bar_format=form,
-                         mininterval=0.2, disable=None)
-                )  # fmt: skip
-            bar.total = now.iterations
-            bar.set_postfix_str(", ".join(_moment(now)), refresh=False)
-            bar.update(now.iteration - bar.n)
-
-        yield show_progress
-
-
-def _moment(now: Progress) -> Iterator[str]:
-    """Time left, log likelihood or loss, and the first parameters."""
-    if now.left is not None:
-        yield f"{tqdm.format_interval(now.left)} left"
-    elif now.iteration:  # a search ends before its last iteration once it has converged
-        left = now.seconds / now.iteration * (now.iterations - now.iteration)
-        yield f"at most {tqdm.format_interval(left)} left"
-    is_loss = isfinite(now.total)
-    yield f"loss {now.total:.3g}" if is_loss else f"log likelihood {now.log_likelihood:.1f}"
-    first = now.parameters[0]
-    yield f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
 
 
 def fit_text(result: Result) -> str:
@@ -286,7 +278,7 @@ def run_judge(options: argparse.Namespace) -> int:
     blocks of a few.
     """
     models = named_keys(options.models, JUDGED, lambda key: following_model(key).key)
-    usual = dict[str, Any](leave_out=(), fixed=[], model=None, methods="all", case="II")
+    usual = dict[str, Any](exclude=(), fixed=[], model=None, methods="all", case="II")
     if idle := [n for n, default in usual.items() if (getattr(options, n) or default) != default]:
         listed = joined([f"--{name.replace('_', '-')}" for name in idle])
         raise ConfigError(

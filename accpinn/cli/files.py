@@ -80,6 +80,8 @@ def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
 def _data_of(options: argparse.Namespace, snapshot: Result) -> Recording | None:
     """The recording that the options name, if they name one, read as that of the snapshot was."""
     if not options.recording:
+        if options.trajectory is not None:
+            raise ConfigError("trajectory: it is of a --recording; give both, or neither.")
         return None
     source = snapshot.analysis.source
     return read(
@@ -108,7 +110,7 @@ def run_verify(options: argparse.Namespace) -> int:
         lambda: _describe_verification(snapshot, verification),
         lambda: _verification_text(snapshot, verification, given),
     )
-    if not verification.ok:
+    if verification.ok is False:
         raise SnapshotError(f"{options.file}: {verification.sentence}")
     return 0
 
@@ -138,7 +140,14 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
-    said = [f"{verification.counted}.", *more]
+    verdict = (
+        "Not everything was checked"
+        if verification.ok is None
+        else "Everything was computed again and agrees"
+        if verification.ok
+        else "It does not agree"
+    )
+    said = [f"{verdict}: {verification.counted}.", *more]
     return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
 
 
@@ -160,7 +169,7 @@ def run_report(options: argparse.Namespace) -> int:
     page = render_report(snapshot.found_in(recording), checked, with_curves=options.curves)
     write_file(page.encode(), real, "report")
     show(str(place))
-    if checked.ok:
+    if checked.ok is not False:
         note(checked.sentence)
         return 0
     complain(

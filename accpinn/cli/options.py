@@ -10,12 +10,13 @@ from accpinn.api import analyse
 from accpinn.cli.recordings import JSON, RECORDING, chosen_recording, option
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import COMPARED, METHODS, VARIANTS
-from accpinn.model.registry import BEST, FOLLOWING, PAPER
+from accpinn.model.registry import BEST, FOLLOWING, PAPER, following_model
 from accpinn.recordings import Recording, Window
 from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
 from accpinn.study import Analysis
 from accpinn.study.plan import AUTO
+from accpinn.study.scripts import model_key
 from accpinn.study.store import Store
 
 ALL = "all"
@@ -44,6 +45,15 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return parsed
 
 
+def chosen_model(text: str) -> str:
+    """The key of a model that is named by it, or by a script that registers it and is run.
+
+    Raises:
+        ConfigError: for an unknown key, or a script that fails.
+    """
+    return following_model(model_key(text)).key
+
+
 CASE = option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
 SEGMENT = (
     *RECORDING,
@@ -51,8 +61,8 @@ SEGMENT = (
     option("--duration", type=float, metavar="S", help=f"in s ({DURATION:g})"),
     option("--vehicles", type=_parsed(parse_vehicles), metavar="1-5 | 1,2",
            help="leader first (the longest run of recorded vehicles from the first on)"),
-    option("--leave-out", type=_parsed(parse_regimes), default=(), metavar="REGIME,..",
-           help="regimes to exclude from the model's equation:"
+    option("--exclude", "--leave-out", dest="exclude", type=_parsed(parse_regimes), default=(),
+           metavar="REGIME,..", help="regimes to leave out from the model's equation:"
            f" {', '.join(map(as_typed, EXCLUDABLE))}"),
     CASE,
 )  # fmt: skip
@@ -65,13 +75,14 @@ WINDOWS = option(
     " stretches in pieces of --duration",
 )
 MODEL = (
-    option("--model", choices=list(FOLLOWING), metavar="NAME",
-           help=f"({BEST}; {PAPER} for a method without intervals): {', '.join(FOLLOWING)}"),
+    option("--model", type=chosen_model, metavar="NAME",
+           help=f"({BEST}; {PAPER} for a method without intervals): {', '.join(FOLLOWING)}; or a"
+           " script ending in .py that registers one"),
     option("--fixed", "--hold", dest="fixed", type=_fixed, action="append", default=[],
            metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
 RUN = (
-    option("--threads", type=int, metavar="N", help="processor threads for training"),
+    option("--threads", type=int, metavar="N", help="most processor threads for training"),
     option("--no-cache", action="store_true", help="neither read nor store results"),
     JSON,
 )
@@ -112,7 +123,7 @@ def chosen_analysis(
     asked = analyse(
         recording, options.start, duration, options.vehicles, windows=windows, case=options.case,
         model=getattr(options, "model", None), fixed=dict(fixed), method=method, preset=preset,
-        settings=settings, exclude=options.leave_out,
+        settings=settings, exclude=options.exclude,
     )  # fmt: skip
     return asked, recording
 

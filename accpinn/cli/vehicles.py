@@ -10,7 +10,7 @@ from accpinn.errors import ConfigError, SnapshotError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.platoon import simulate_platoon
+from accpinn.platoon import order_of, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
@@ -34,7 +34,6 @@ from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.stability import VehicleStability, Verdict
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
-MOST_VEHICLES = 100
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
 STABILITY_OPTIONS = (
@@ -51,8 +50,8 @@ STABILITY_OPTIONS = (
 """α, β, τ with one value a vehicle, first follower first; or a snapshot."""
 SIMULATE_OPTIONS = (
     *STABILITY_OPTIONS,
-    option("--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated"
-           " (8)"),
+    option("--followers", "--vehicles", dest="vehicles", type=int, metavar="N",
+           help="one parameter set is repeated (8)"),
     *(option(f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})")
       for name, default, meaning in (
           ("frequency", 0.25, "of the sinusoid in rad/s"),
@@ -197,7 +196,8 @@ def run_simulate(options: argparse.Namespace) -> int:
     )
     subject = _chosen(options)
     vehicles = subject.vehicles
-    order = _order(len(vehicles), options.vehicles)
+    count = 8 if options.vehicles is None and len(vehicles) == 1 else options.vehicles
+    order = order_of(len(vehicles), count)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     cast = Cast(vehicles, tuple(order))
     warnings = (*messages(result.findings, cast), *contradictions(subject.result))
@@ -226,17 +226,3 @@ def run_simulate(options: argparse.Namespace) -> int:
 
     show_result(options, document, text)
     return 0
-
-
-def _order(count: int, vehicles: int | None) -> list[int]:
-    """Indices of the platoon's followers: one set repeated, or the sets in their order."""
-    if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
-        raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
-    if count == 1:
-        return [0] * (8 if vehicles is None else vehicles)
-    if vehicles not in (None, count):
-        raise ConfigError(
-            f"vehicles: {count} parameter sets make {count} followers, not {vehicles};"
-            " leave the option out, or give one set."
-        )
-    return list(range(count))

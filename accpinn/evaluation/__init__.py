@@ -91,6 +91,13 @@ def evaluate(
         estimate: by any method.
         recording: what the windows were cut from; without it nothing outside is simulated.
         blocks: what `cross_validate` found.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> found = accpinn.evaluate(result.segments, result.estimate)
+        >>> found.closed_loop.gap_mae.shape
+        (1,)
     """
     windows = (segments,) if isinstance(segments, Segment) else tuple(segments)
     inside = [ClosedLoop.of(part, estimate) for part in windows]

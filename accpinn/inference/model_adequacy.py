@@ -147,6 +147,12 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     Returns:
         No form where the window is too short for the likelihood or nothing moves; nan for a
         follower that is hardly measured, or does not move.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 60, (1, 2))
+        >>> [form.form for form in accpinn.model_forms(segment).forms][:2]
+        ['cthp', 'cthp-s0']
     """
     known = determined_followers((segment,), case)
     if not known:

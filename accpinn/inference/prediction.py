@@ -110,6 +110,13 @@ def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> 
         None if no follower has draws, if at no instant all vehicles are measured, or if the
         window has more than `MOST_STEPS`. A follower without draws has no band, nor have those
         behind it.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), 0, 60, vehicles="1-2")
+        >>> band = accpinn.gap_band(result.segment, result.estimate, result.uncertainty)
+        >>> band.lower.shape  # one instant each half second
+        (121, 1)
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None

@@ -3,21 +3,25 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.arguments import check_level, checked_method
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import time_gap, value_of
+from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, Seconds, interval_ends
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class Outcome(NamedEnum):
@@ -248,8 +252,30 @@ class Progress:
     """Time left, where the method can tell it better than its rate of iterations does."""
 
 
+@dataclass(frozen=True)
+class _About:
+    """What a part of an estimate is about: it follows from the estimate, and is in no file."""
+
+    model: str
+    """Key of the model whose parameters it has."""
+    names: tuple[str, ...]
+    """The parameters' names."""
+    vehicles: tuple[int, ...]
+    """(M,) the followers' numbers in the file."""
+
+    def values(self, sets: Parameters) -> dict[str, FloatArray]:
+        """(..) each parameter of the model by its name."""
+        return {name: value_of(self.model, sets, name) for name in self.names}
+
+
+class _Part:
+    """A part of an estimate, which tells it what it is about."""
+
+    about: ClassVar[_About] = _About(PAPER, ("alpha", "beta", "tau"), ())
+
+
 @dataclass(frozen=True, eq=False)
-class History:
+class History(_Part):
     """How loss and parameters moved; K kept entries, oldest first."""
 
     iteration: FloatArray
@@ -270,6 +296,27 @@ class History:
     """(K,) log likelihood + log prior; None where the method does not maximise it."""
     deviations: FloatArray | None = None
     """(K, P, 3) standard errors of ln α, ln β, ln τ; nan where unknown."""
+
+    def to_frame(self) -> "DataFrame":
+        """One row an entry: iteration, seconds, losses, and the parameters.
+
+        The losses are total (Ψ), data (Ψ_D), physics (Ψ_F) and initial (Ψ_R), or log_likelihood
+        where that is what the method maximises. Where followers have parameters of their own these
+        end with the vehicle's number in the file, as alpha_2.
+        """
+        from pandas import DataFrame  # takes a third of a second, which few need
+
+        losses = ("iteration", "seconds", "total", "data", "physics", "initial")
+        columns = {name: getattr(self, name) for name in losses}
+        columns["iteration"] = self.iteration.astype(int)
+        if self.log_likelihood is not None:
+            columns["log_likelihood"] = self.log_likelihood
+        count = self.parameters.alpha.shape[1]
+        endings = [f"_{number}" for number in self.about.vehicles] if count > 1 else [""]
+        for k, ending in enumerate(endings):
+            for name, values in self.about.values(self.parameters[:, k]).items():
+                columns[f"{name}{ending}"] = values
+        return DataFrame(columns)
 
 
 OnProgress = Callable[[Progress], None]
@@ -299,7 +346,7 @@ class Span(Quantity):
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(_Part):
     """What is known of the parameters of M followers from K windows and from other cars, as draws.
 
     All draws are nan for a follower that is not determined. Those of a model that is no CTHP have
@@ -327,6 +374,25 @@ class Posterior:
     """(M,) how many independent draws those of the least certain window are worth."""
     followers_differ: float = float("nan")
     """The same of followers that share their parameters, in the first window; nan elsewhere."""
+
+    def to_frame(self) -> "DataFrame":
+        """The draws, one a row: kind, vehicle (number in the file), draw and parameters.
+
+        ``kind`` is "typical" for the car's typical value and "further window" for what a further
+        window of it may have.
+        """
+        from pandas import DataFrame, concat
+
+        kinds = {"typical": self.typical, "further window": self.further}
+        frames = [
+            DataFrame(
+                {"kind": kind, "vehicle": vehicle, "draw": range(len(sets))}
+                | {name: values[:, k] for name, values in self.about.values(sets).items()}
+            )
+            for kind, sets in kinds.items()
+            for k, vehicle in enumerate(self.about.vehicles)
+        ]
+        return concat(frames, ignore_index=True)
 
 
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
@@ -386,6 +452,15 @@ class Estimate:
     arrays: dict[str, FloatArray] = field(default_factory=dict)
     """The method's own state by name, such as networks' weights: enough to start from it. What
     belongs to one window has a name as `of_window` reads it."""
+
+    def __post_init__(self) -> None:
+        """Tell the parts what they are about."""
+        if self.model not in FOLLOWING:  # of somebody's file, which is refused for that
+            return
+        about = _About(self.model, self.names, self.numbers)
+        for part in (self.posterior, self.history):
+            if part is not None:
+                object.__setattr__(part, "about", about)
 
     @classmethod
     def of(
@@ -494,25 +569,35 @@ class Estimate:
         numbers = {finding.vehicle for finding in found}
         return not numbers & {0, self.numbers[follower]}
 
-    def span(self, name: str, follower: int) -> Span:
+    @checked_method
+    def span(self, name: str, follower: int, level: float | None = None) -> Span:
         """One parameter of one follower (0 for the first), by its name; see `names`.
+
+        The ``level`` of its interval is by default that of the posterior.
 
         Raises:
             ConfigError: for another name or follower.
         """
         if name not in self.names:
             raise ConfigError(
-                f"span: {name[:40]} is not known; choose from {', '.join(self.names)}."
+                f"span: {str(name)[:40]} is not known; choose from {', '.join(self.names)}."
             )
-        return self._span((name,), follower, lambda sets: self.values(sets, name))
+        return self._span((name,), follower, lambda sets: self.values(sets, name), level)
 
     def gain(self, name: str, follower: int) -> Span:
         """The α or β of one follower; of a model that is no CTHP at its median speed."""
         return self._span(("gain", name), follower, lambda sets: getattr(sets, name))
 
-    def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
-        """The time gap of one follower in equilibrium at a speed, in s; nan where there is none."""
-        return self._span((speed,), follower, lambda sets: time_gap(self.model, sets, speed))
+    @checked_method
+    def time_gap(self, speed: MetresPerSecond, follower: int, level: float | None = None) -> Span:
+        """The time gap of one follower in equilibrium at a speed, in s; nan where there is none.
+
+        Raises:
+            ConfigError: for what is no speed above 0, or another follower.
+        """
+        if not speed > 0:
+            raise ConfigError(f"speed: {speed} is not allowed; choose one above 0, in m/s.")
+        return self._span((speed,), follower, lambda sets: time_gap(self.model, sets, speed), level)
 
     def gains_and_gap(self, follower: int) -> tuple[Span, Span, Span]:
         """α, β and the time gap at the median speed of one follower (0 for the first)."""
@@ -529,20 +614,26 @@ class Estimate:
         return {}
 
     def _span(
-        self, what: tuple[object, ...], follower: int, of: Callable[[Parameters], FloatArray]
+        self,
+        what: tuple[object, ...],
+        follower: int,
+        of: Callable[[Parameters], FloatArray],
+        level: float | None = None,
     ) -> Span:
-        key = (*what, follower)
         if not 0 <= follower < len(self.speeds):
             raise ConfigError(
                 f"follower: {follower} is not there; choose 0 to {len(self.speeds) - 1}, the first"
                 " is 0."
             )
+        if level is not None:
+            check_level(level)
+        key = (*what, follower, level)
         if key not in self._spans:
             known, draws = self.posterior, None
             if known:
                 draws = of(known.typical)[:, follower], of(known.further)[:, follower]
-            level = known.level if known else float("nan")
-            self._spans[key] = Span.of(of(self.parameters)[follower], draws, level)
+            share = level or (known.level if known else float("nan"))
+            self._spans[key] = Span.of(of(self.parameters)[follower], draws, share)
         return self._spans[key]
 
 

@@ -1,5 +1,6 @@
 """Every method by its key, in the order in which they are shown."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -42,7 +43,40 @@ VARIANTS: dict[str, tuple[str, PinnConfig | None]] = {
 """A method with the settings that a name stands for, where several are run side by side."""
 COMPARED = tuple(name for name in VARIANTS if name != "pinn-paper")
 """Those that are compared unless others are named: training by the preset paper takes minutes."""
+SHIPPED = frozenset(VARIANTS)
+"""Names of methods that are part of the package."""
+_KEY = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _ALIASES = {"maximum-likelihood": "pinn", "pinn-calibrated": "pinn"}
+
+
+def register_method(method: Method) -> None:
+    """Add an estimation method, which this process then knows by its key everywhere.
+
+    A method that was registered before is replaced, so that a notebook's cell can be run again.
+    Raise its `Method.version` with every change of its numbers where results are kept in a store.
+
+    Args:
+        method: see `Method`, and `accpinn.methods.direct` for one without settings.
+
+    Raises:
+        ConfigError: for a key that the package uses.
+
+    Examples:
+        >>> import accpinn
+        >>> from dataclasses import replace
+        >>> accpinn.register_method(replace(accpinn.METHODS["splines"], key="mine", title="Mine"))
+        >>> recording = accpinn.sample("motorway")
+        >>> accpinn.fit(recording, vehicles="1-2", method="mine").parameters.alpha.shape
+        (1,)
+    """
+    if method.key in SHIPPED or method.key in _ALIASES:
+        raise ConfigError(f"method: {method.key[:40]} is the package's own; choose another key.")
+    if not _KEY.fullmatch(method.key):
+        raise ConfigError(
+            f"method: {method.key[:40]!r} is no key; choose lower-case words joined by hyphens."
+        )
+    METHODS[method.key] = method
+    VARIANTS[method.key] = (method.key, None)
 
 
 def recommended_method(model: str | None = None) -> str:
@@ -60,9 +94,14 @@ def method_of(key: str) -> Method:
     Raises:
         ConfigError: for an unknown key.
     """
-    if _ALIASES.get(key, key) not in METHODS:
+    if not isinstance(key, str) or _ALIASES.get(key, key) not in METHODS:
         raise ConfigError(f"method: {str(key)[:40]} is not known; choose {', '.join(METHODS)}.")
     return METHODS[_ALIASES.get(key, key)]
+
+
+def title_of(key: str) -> str:
+    """The name of a method wherever people read it; an unknown key as it is."""
+    return METHODS[key].title if key in METHODS else key
 
 
 def known_variant(name: str) -> str:
@@ -71,8 +110,8 @@ def known_variant(name: str) -> str:
     Raises:
         ConfigError: for an unknown name.
     """
-    known = _ALIASES.get(name, name)
-    if known not in VARIANTS:
+    known = _ALIASES.get(name, name) if isinstance(name, str) else name
+    if not isinstance(known, str) or known not in VARIANTS:
         raise ConfigError(f"methods: {str(name)[:40]} is not known; choose {', '.join(VARIANTS)}.")
     return known
 

@@ -18,6 +18,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accpinn.errors import ParameterError, shown
 from accpinn.units import FloatArray, Mask, Metres, Seconds, frozen
 
 Case = Literal["I", "II"]
@@ -72,7 +73,14 @@ class Parameters:
             own: parameters of the model that these are the linearisation of.
         """
         given = (alpha, beta, tau, s0, lag, delay, *own)
-        parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
+        try:
+            parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
+        except (TypeError, ValueError):
+            shapes = ", ".join(map(shown, (alpha, beta, tau)))
+            raise ParameterError(
+                f"parameters: α, β, τ = {shapes} are no numbers of one shape; give a number or an"
+                " array of each, one entry a vehicle."
+            ) from None
         self.everything = frozen(np.stack(parts, axis=-1))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -82,7 +90,16 @@ class Parameters:
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
         """Parameters from an array (.., 3) of α, β, τ, or one as `everything`, or its first six."""
-        return cls(*np.moveaxis(np.asarray(values, np.float64), -1, 0))
+        try:
+            columns = np.moveaxis(np.asarray(values, np.float64), -1, 0)
+        except (TypeError, ValueError):
+            columns = np.empty(0)
+        if len(columns) < 3:
+            raise ParameterError(
+                f"parameters: {shown(values)} is no array (.., 3) of numbers; give α, β and τ"
+                " along the last axis."
+            )
+        return cls(*columns)
 
     @property
     def complete(self) -> FloatArray:

@@ -28,17 +28,19 @@ Review E 62 (2000) 1805-1824, equations 3 and 4 (IDM); Jiang, Wu and Zhu, Physic
 (2001) 017101 (FVDM), V after Bando et al., Physical Review E 51 (1995) 1035.
 """
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from accpinn.channels import PARAMETER_KEYS
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, shown
 from accpinn.model.cthp import TERMS, Parameters, Trajectories
 from accpinn.model.cthp import simulate as simulate_cthp
-from accpinn.model.following import FollowingModel, Parameter
+from accpinn.model.following import COMPLEX_STEP, FollowingModel, Parameter
 from accpinn.units import FloatArray
 
 
@@ -126,12 +128,19 @@ BASES = (
     IDM,
     FVDM,
 )
-FOLLOWING: Mapping[str, FollowingModel] = {
-    model.key: model
-    for base in BASES
-    for model in (base, base.behind_a("lag"), base.behind_a("delay"))
+
+
+def _variants(base: FollowingModel) -> dict[str, FollowingModel]:
+    """A model, also behind a lag or a delay, by their keys."""
+    return {model.key: model for model in (base, base.behind_a("lag"), base.behind_a("delay"))}
+
+
+FOLLOWING: dict[str, FollowingModel] = {
+    key: model for base in BASES for key, model in _variants(base).items()
 }
-"""Every model by its key, each also behind a lag or a delay."""
+"""Every model by its key, each also behind a lag or a delay; `register_model` adds to it."""
+SHIPPED = frozenset(FOLLOWING)
+"""Keys of the models that are part of the package."""
 CTHPS = tuple(key for key, model in FOLLOWING.items() if model.is_cthp)
 """The paper's model, and those with terms beside it."""
 PAPER = CTHP.key
@@ -141,7 +150,7 @@ BEST = "cthp-s0-delay"
 the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
 Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
-TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
+TITLES: dict[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
 JUDGED = (PAPER, BEST, IDM.key, FVDM.key)
 """Models that are judged unless others are named: the paper's, the answer's, and the usual ones."""
@@ -153,11 +162,89 @@ def following_model(key: str) -> FollowingModel:
     Raises:
         ConfigError: for an unknown key.
     """
+    if not isinstance(key, str) or key not in FOLLOWING:
+        known, name = ", ".join(FOLLOWING), shown(key).strip("'")
+        raise ConfigError(f"model: {name} is not known; choose from {known}.")
+    return FOLLOWING[key]
+
+
+_KEY = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+_PROBES = 16
+"""Motions at which the acceleration of a registered model is evaluated."""
+
+
+def register_model(model: FollowingModel) -> None:
+    """Add a car-following model, which this process then knows by its key everywhere.
+
+    It is also known behind a lag and behind a delay, by its key with "-lag" and "-delay". A model
+    that was registered before is replaced, so that a notebook's cell can be run again.
+
+    Args:
+        model: an acceleration with named parameters, see `FollowingModel`.
+
+    Raises:
+        ConfigError: for a key that the package uses, or a model that cannot be estimated.
+
+    Examples:
+        >>> import accpinn
+        >>> def acceleration(p, v, u, theta, xp):  # keeps the gap d + T v
+        ...     return theta[0] * (p - theta[1] - theta[2] * v) + theta[3] * (u - v)
+        >>> parameters = [
+        ...     accpinn.Parameter("k", "k", "1/s²", 1e-3, 5.0, 0.1, 1.0),
+        ...     accpinn.Parameter("d", "d", "m", 0.1, 50.0, 4.0, 0.7),
+        ...     accpinn.Parameter("T", "T", "s", 0.1, 5.0, 1.2, 0.4),
+        ...     accpinn.Parameter("c", "c", "1/s", 1e-3, 5.0, 0.2, 1.0),
+        ... ]
+        >>> model = accpinn.FollowingModel("linear", "Linear", tuple(parameters), acceleration)
+        >>> accpinn.register_model(model)
+        >>> accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", model="linear").estimate.model
+        'linear'
+    """
+    names = [parameter.name for parameter in model.parameters]
+    taken = {*PARAMETER_KEYS} & {*names}
+    for is_good, fault in (
+        (_KEY.fullmatch(model.key), f"its key {model.key[:40]!r} is not lower case and hyphens"),
+        (not SHIPPED & {*_variants(model)}, f"the key {model.key[:40]} is the package's own"),
+        (names and len({*names}) == len(names), "it has no parameters, or two of one name"),
+        (not taken, f"{', '.join(sorted(taken))} would be the linearisation's, too"),
+        (not model.terms and not model.is_cthp, "terms and the CTHP's solutions are not its own"),
+        (
+            all(p.lower < p.typical < p.upper and p.spread > 0 for p in model.parameters),
+            "a typical value lies outside its bounds, or has no spread",
+        ),
+    ):
+        if not is_good:
+            raise ConfigError(f"model: {fault}; give a key, parameters and an acceleration anew.")
     try:
-        return FOLLOWING[key]
-    except KeyError:
-        known = ", ".join(FOLLOWING)
-        raise ConfigError(f"model: {key[:40]} is not known; choose from {known}.") from None
+        _fingerprint(model)
+    except Exception as fault:  # whatever somebody's function raises
+        raise ConfigError(
+            f"model: its acceleration fails at ordinary motions ({str(fault)[:120]}); let it take"
+            " p, v, u, theta and xp, by operators and functions that complex numbers have."
+        ) from None
+    FOLLOWING.update(_variants(model))
+    TITLES.update({key: variant.title for key, variant in _variants(model).items()})
+
+
+def fingerprint(key: str) -> str:
+    """What tells one registered model from another of the same key; empty for the package's own.
+
+    It is a digest of the parameters with their priors, and of the acceleration at some motions.
+    """
+    return _fingerprint(FOLLOWING[key]) if key in FOLLOWING.keys() - SHIPPED else ""
+
+
+def _fingerprint(model: FollowingModel) -> str:
+    """See `fingerprint`; whatever the acceleration raises is passed on."""
+    chance = np.random.default_rng(1)
+    z = np.clip(chance.normal(size=(len(model.parameters), _PROBES)), -1.0, 1.0)
+    theta = np.array([p.value(row) for p, row in zip(model.parameters, z, strict=True)])
+    p, v, u = chance.uniform([[5.0], [2.0], [2.0]], [[60.0], [30.0], [30.0]], (3, _PROBES))
+    moved = np.asarray(model.acceleration(p + COMPLEX_STEP * 1j, v, u, theta, np))
+    if moved.shape != (_PROBES,) or not np.isfinite(moved).all():
+        raise ValueError("it does not give one finite number for each motion")
+    numbers = [f"{value:.9g}" for value in (*moved.real, *(moved.imag / COMPLEX_STEP))]
+    return sha256(repr((model.parameters, numbers)).encode()).hexdigest()
 
 
 def value_of(model: str, parameters: Parameters, name: str) -> FloatArray:

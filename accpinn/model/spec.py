@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from accpinn.arguments import checked_method
 from accpinn.errors import ConfigError
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import BEST, FOLLOWING, PAPER, Fixed, following_model
@@ -19,6 +20,7 @@ class ModelSpec:
     """Names and values of the parameters that are not estimated, in the order of their names."""
 
     @classmethod
+    @checked_method
     def of(cls, model: str, fixed: Mapping[str, float] | None = None) -> Self:
         """The specification of a model by its key, with some parameters fixed, as {"s0": 4.0}.
 

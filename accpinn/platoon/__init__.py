@@ -34,7 +34,7 @@ from accpinn.errors import ParameterError
 from accpinn.findings import Finding
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, collides, motion_matrix, orbit
-from accpinn.model.registry import FOLLOWING, PAPER
+from accpinn.model.registry import FOLLOWING, PAPER, following_model
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked, response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
@@ -44,6 +44,8 @@ SAMPLE_TIME: Seconds = 0.1
 SAMPLES_PER_PERIOD = 24
 """Least samples a period of a fast sinusoid, which gets more samples a second."""
 MOST_SAMPLES = 200_000
+MOST_FOLLOWERS = 100
+"""Largest platoon of one parameter set that is repeated."""
 FASTEST: PerSecond = 1e6
 """Fastest reaction; beyond it a step of any use loses the slow motion to rounding."""
 NONLINEAR_STEP: Seconds = 0.05
@@ -191,6 +193,26 @@ class PlatoonRun:
         return min((hit.follower for hit in self.collisions), default=len(self.meaningful))
 
 
+def order_of(count: int, followers: int | None) -> list[int]:
+    """(M,) which of ``count`` parameter sets each follower has: one is repeated, several are not.
+
+    Raises:
+        ParameterError: for a number of followers that they cannot make.
+    """
+    if followers is None:
+        return list(range(count))
+    if not 1 <= followers <= MOST_FOLLOWERS:
+        raise ParameterError(
+            f"followers: {followers} is not allowed; choose 1 to {MOST_FOLLOWERS}."
+        )
+    if count not in (1, followers):
+        raise ParameterError(
+            f"followers: {count} parameter sets make {count} followers, not {followers}; leave it"
+            " out, or give one set, as parameters[0]."
+        )
+    return [0] * followers if count == 1 else list(range(count))
+
+
 def simulate_platoon(
     parameters: Parameters, leader: Leader, sample_time: Seconds | None = None, model: str = PAPER
 ) -> PlatoonRun:
@@ -207,6 +229,12 @@ def simulate_platoon(
     """
     parameters = parameters.flat
     if (own := parameters.own).size:
+        following_model(model)
+        if own.shape[-1] != len(FOLLOWING[model].parameters):
+            raise ParameterError(
+                f"model: {own.shape[-1]} parameters a vehicle are not those of {model}, which has"
+                f" {len(FOLLOWING[model].parameters)}; name the model that they are of."
+            )
         parameters = FOLLOWING[model].linearisations(own.T, leader.speed)
         if np.isnan(parameters.tau).any():
             raise ParameterError(

@@ -9,14 +9,17 @@ so that the whole platoon is a linear system left to itself, and is integrated e
 
 from dataclasses import dataclass
 from math import isfinite
+from numbers import Real
 
 import numpy as np
 
-from accpinn.errors import ParameterError
+from accpinn.errors import ParameterError, shown
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, frozen
 
 POSITIVE = ("frequency", "deceleration", "acceleration", "duration")
 """Settings that are above zero."""
+UNEVEN = 1e-3
+"""Steps of a recorded leader that differ by more than this share of them are uneven."""
 ANY_SIGN = ("change",)
 """Settings that may be negative; all others are zero or more."""
 
@@ -40,8 +43,10 @@ class _Settings:
     def __post_init__(self) -> None:
         """Refuse numbers that no leader can drive."""
         for name, value in vars(self).items():
-            if not isfinite(value):
-                raise ParameterError(f"Leader: {name} = {value} is no number; give a finite one.")
+            if isinstance(value, bool) or not isinstance(value, Real) or not isfinite(value):
+                raise ParameterError(
+                    f"Leader: {name} = {shown(value)} is no number; give a finite one."
+                )
             if name in POSITIVE and value <= 0:
                 raise ParameterError(f"Leader: {name} = {value:g}, but it must be above zero.")
             if name not in ANY_SIGN and value < 0:
@@ -114,7 +119,22 @@ class Brake(_Settings):
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A measured leader, straight between its samples; the platoon starts in equilibrium."""
+    """A measured leader, straight between its samples; the platoon starts in equilibrium.
+
+    Uneven instants are resampled to their most typical step, along straight lines between them.
+
+    Raises:
+        ParameterError: for arrays of other shapes, or with values that are missing; for instants
+            that do not rise.
+
+    Examples:
+        >>> import accpinn, numpy as np
+        >>> time = np.arange(0, 60, 0.1)
+        >>> leader = accpinn.Recorded(time, 20 - 2 * np.sin(0.3 * time))
+        >>> run = accpinn.simulate_platoon(accpinn.Parameters(0.08, 0.3, 1.2), leader, followers=8)
+        >>> run.trajectories.speeds.shape
+        (600, 9)
+    """
 
     time: FloatArray
     """(N,) in s, evenly spaced; the run keeps its clock."""
@@ -122,9 +142,40 @@ class Recorded:
     """(N,) in m/s."""
 
     def __post_init__(self) -> None:
-        """Copy and lock the arrays."""
-        object.__setattr__(self, "time", frozen(self.time))
-        object.__setattr__(self, "speeds", frozen(self.speeds))
+        """Check, copy and lock the arrays."""
+        time, speeds = (self._numbers(name) for name in ("time", "speeds"))
+        if len(time) != len(speeds):
+            raise ParameterError(
+                f"Leader: {len(time)} instants and {len(speeds)} speeds; give one speed an instant."
+            )
+        steps = np.diff(time)
+        if (steps <= 0).any():
+            at = int(np.argmax(steps <= 0))
+            raise ParameterError(
+                f"Leader: time {time[at + 1]:g} s follows {time[at]:g} s; give instants that rise."
+            )
+        step = float(np.median(steps))
+        if np.ptp(steps) > UNEVEN * step:
+            even = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / step) + 1)
+            time, speeds = even, np.interp(even, time, speeds)
+        object.__setattr__(self, "time", frozen(time))
+        object.__setattr__(self, "speeds", frozen(speeds))
+
+    def _numbers(self, name: str) -> FloatArray:
+        try:
+            values = np.asarray(getattr(self, name), float)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.ndim != 1 or len(values) < 2:
+            raise ParameterError(
+                f"Leader: {name} is no list of numbers; give two or more along one axis."
+            )
+        if not np.isfinite(values).all():
+            at = int(np.argmax(~np.isfinite(values)))
+            raise ParameterError(
+                f"Leader: {name}[{at}] is {values[at]:g}; leave instants without a value out."
+            )
+        return values
 
     @property
     def speed(self) -> MetresPerSecond:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RECORDED, SPEED
+from accpinn.display import Displayed
 from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.recordings.consistency import GapJumps, Pair, inconsistencies
 from accpinn.recordings.mapping import CsvMapping
+from accpinn.recordings.summary import summary
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
@@ -212,7 +214,7 @@ def unnamed(number: int) -> str:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Recording:
+class Recording(Displayed):
     """A run of V vehicles over N samples. Arrays are read-only."""
 
     source: str
@@ -247,6 +249,8 @@ class Recording:
         for name in ("time", "speed", "gap"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+
+    __str__ = summary
 
     @cached_property
     def vehicles(self) -> tuple[Vehicle, ...]:

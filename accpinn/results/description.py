@@ -143,6 +143,7 @@ def view(
     def viewed(what: Description | Result, /, *args: P.args, **kwargs: P.kwargs) -> T:
         return of(describe(what) if isinstance(what, Result) else what, *args, **kwargs)
 
+    viewed.__annotations__ = {**of.__annotations__, "description": Description | Result}
     return viewed
 
 

@@ -190,7 +190,14 @@ def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
 
 
 def parameter_card(snapshot: Result) -> dict[str, Any]:
-    """The parameters of a snapshot, with intervals where there are, provenance and attribution."""
+    """The parameters of a snapshot, with intervals where there are, provenance and attribution.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> sorted(accpinn.parameter_card(result))[:2]
+        ['about', 'attribution']
+    """
     info, estimate, known = snapshot.info, snapshot.estimate, snapshot.posterior
     return {
         "format": CARD_FORMAT,

@@ -27,7 +27,7 @@ from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import joined
 from accpinn.inference.posterior import AT_SPEED, SLOWEST
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, IDM, PAPER
+from accpinn.model.registry import CTHPS, FOLLOWING, IDM, PAPER, following_model
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -80,7 +80,23 @@ def sumo_types(
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
+
+    Examples:
+        >>> import accpinn
+        >>> cars = accpinn.Parameters([0.08], [0.3], [1.2])
+        >>> accpinn.sumo_types(("A car",), cars).count("<vType ")
+        1
     """
+    following_model(model)
+    shapes = [(len(names), 6)] * 2
+    given = [parameters.complete.shape, shapes[0] if draws is None else draws.complete.shape[1:]]
+    is_one_each = speeds is None or np.shape(speeds) == (len(names),)
+    if given != shapes or not is_one_each:
+        count = len(names)
+        raise ParameterError(
+            f"sumo_types: {count} names go with {count} parameter sets, {count} speeds, and draws"
+            f" (n, {count}); give as many of each."
+        )
     root = ElementTree.Element("additional")
     speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds.clip(min=SLOWEST)
     root.append(ElementTree.Comment(_about(model, parameters, draws, speeds)))

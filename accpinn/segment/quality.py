@@ -153,7 +153,14 @@ class Quality:
 
 @lru_cache(maxsize=64)  # page Data asks for the same again and again
 def assess_quality(segment: Segment) -> Quality:
-    """Mean time gap, excitation, conditioning and share of car-following, with findings."""
+    """Mean time gap, excitation, conditioning and share of car-following, with findings.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 60, (1, 2))
+        >>> bool(accpinn.assess_quality(segment).leader_deviation > 1)
+        True
+    """
     speeds = segment.measured_speeds
     unknown = np.isnan(segment.measured_gaps + speeds[:, 1:])
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
@@ -224,6 +231,12 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
 
     Raises:
         SegmentError: for another recording.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 60, (1, 2))
+        >>> accpinn.label_regimes(segment).codes.shape
+        (601, 1)
     """
     codes = np.full(segment.gaps.shape, FOLLOWING, np.uint8)
     codes[segment.time_gaps > segment.longest_time_gaps] = CATCHING_UP
@@ -264,6 +277,13 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
 
     Raises:
         SegmentError: when a name is not known, or too little of a follower's data remains.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 60, (1, 2))
+        >>> regimes = accpinn.label_regimes(segment)
+        >>> accpinn.exclude_regimes(segment, regimes, "standstill").samples
+        601
     """
     named = parse_regimes(names)
     chosen = tuple(name for name in EXCLUDABLE if name in named)

@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from accpinn.display import Displayed
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel, Values
@@ -40,6 +41,8 @@ from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_ta
 from accpinn.stability.lagged import is_lagged
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 
+VEHICLES = 6
+"""Vehicles that `print` lists; of more the number is told."""
 CERTAIN = 0.95
 """A vehicle is called string stable from this probability on, and unstable up to its complement."""
 Assessment = Literal["unstable", "stable", "undecided", "not determined"]
@@ -79,6 +82,17 @@ class Criterion(Enum):
     LINF_STRICT = "Strict L∞ string stability"
     LINF_WEAK = "Weak L∞ string stability"
 
+    def __bool__(self) -> bool:
+        """A criterion is neither met nor violated by itself.
+
+        Raises:
+            ParameterError: always; a `Verdict` has the answer.
+        """
+        raise ParameterError(
+            f"{self.value} is a question without an answer; ask a verdict, as"
+            " report.vehicles[0].l2.stable."
+        )
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -90,6 +104,10 @@ class Verdict:
     """Whether it is so close to the boundary that the verdict means nothing, see `MARGINAL`."""
     value: float
     """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
+
+    def __bool__(self) -> bool:
+        """Whether stable, so that ``if vehicle.l2:`` means what it says."""
+        return self.stable
 
     @property
     def word(self) -> str:
@@ -158,11 +176,28 @@ class PlatoonStability:
 
 
 @dataclass(frozen=True, eq=False)
-class StabilityReport:
+class StabilityReport(Displayed):
     """The string stability of some vehicles, one by one and as a platoon."""
 
     vehicles: tuple[VehicleStability, ...]
     platoon: PlatoonStability
+
+    def __str__(self) -> str:
+        """A line a vehicle, then the platoon's verdicts."""
+        lines = ["String stability"]
+        for k, vehicle in enumerate(self.vehicles[:VEHICLES], 1):
+            at = f" at {vehicle.peak.omega:.2f} rad/s" if vehicle.peak.omega else ""
+            lines.append(
+                f"  Follower {k}: L₂ {vehicle.l2.word}, peak {vehicle.peak.gain:.3g}{at}; L∞"
+                f" {vehicle.linf_exact.word}, gain {vehicle.linf_gain:.3g} (paper's criterion:"
+                f" {vehicle.linf_paper.word})"
+            )
+        if (more := len(self.vehicles) - VEHICLES) > 0:
+            lines.append(f"  and {more} more follower{'s' * (more > 1)}")
+        platoon = self.platoon
+        for verdict in (platoon.l2_weak, platoon.linf_weak):
+            lines.append(f"  Platoon: {verdict.criterion.value}: {verdict.word}")
+        return "\n".join([*lines, "More: .vehicles[0].poles, .smallest_tau, .platoon.peaks"])
 
 
 @lru_cache(maxsize=64)  # pages ask for the same again and again
@@ -171,6 +206,12 @@ def stability_report(parameters: Parameters) -> StabilityReport:
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
+
+    Examples:
+        >>> import accpinn
+        >>> report = accpinn.stability_report(accpinn.Parameters(0.08, 0.3, 1.2))
+        >>> report.vehicles[0].l2.stable, round(report.vehicles[0].peak.gain, 2)
+        (False, 1.13)
     """
     parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)

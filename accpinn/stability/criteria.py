@@ -340,7 +340,28 @@ def slowest_rate(parameters: Parameters) -> PerSecond:
 
 
 def transfer_function(parameters: Parameters) -> "TransferFunction":
-    """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply."""
+    """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply.
+
+    A delay d becomes its Padé approximant of second order, see `Result.transfer_functions`.
+
+    Args:
+        parameters: of one vehicle; of another model than a CTHP its linearisation.
+
+    Raises:
+        ParameterError: for several vehicles, or values that no vehicle has.
+
+    Examples:
+        >>> import accpinn
+        >>> system = accpinn.transfer_function(accpinn.Parameters(0.08, 0.3, 1.2))
+        >>> round(abs(complex(system(0.25j))), 3)
+        1.091
+    """
+    if parameters.complete.ndim > 1 and len(parameters) == 1:
+        parameters = parameters[0]
+    if parameters.complete.ndim > 1:
+        raise ParameterError(
+            f"transfer_function: {len(parameters)} vehicles are given; give one, as parameters[0]."
+        )
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
     vehicle = checked(parameters)

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from accpinn.arguments import check_level
 from accpinn.errors import SegmentError
 from accpinn.segment import Segment
 from accpinn.segment.cut import BRIDGE
@@ -89,8 +90,23 @@ def measured_gain(
 
     Raises:
         SegmentError: where the complete stretches are too short for an average.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), 0, 300, (1, 2))
+        >>> gain = accpinn.measured_gain(segment, follower=0)
+        >>> gain.omega.shape == gain.gain.shape
+        True
     """
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
+    if not segments:
+        raise SegmentError("segment: none is given; choose one, or several in a list.")
+    if not all(0 <= follower < part.followers for part in segments):
+        raise SegmentError(
+            f"follower: {follower} is not there; choose 0 to {segments[0].followers - 1}, the first"
+            " is 0."
+        )
+    check_level(level)
     first, step = segments[0], segments[0].sample_time
     usable = [
         part.speeds[stretch.rows, follower : follower + 2]

@@ -14,9 +14,12 @@ from hashlib import sha256
 from numbers import Integral, Real
 from typing import Any, Self
 
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.arguments import checked_method
+from accpinn.display import Displayed
+from accpinn.errors import ConfigError, SegmentError, shown
 from accpinn.methods.registry import METHODS, method_of, recommended_method, segment_for
 from accpinn.model.cthp import Case
+from accpinn.model.registry import fingerprint
 from accpinn.model.spec import RECOMMENDED_SPEC, ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.mapping import CsvMapping
@@ -53,7 +56,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Analysis:
+class Analysis(Displayed):
     """One question: the parameters of these vehicles in these windows, by this method."""
 
     source: Source
@@ -77,7 +80,20 @@ class Analysis:
         if not self.settings and self.method in METHODS:
             object.__setattr__(self, "settings", _settings(self.method, None))
 
+    def __str__(self) -> str:
+        """Data, model, method and the settings that differ from the preset, a line each."""
+        asked = _asked(self)
+        if preset := self.settings.get("preset"):
+            asked["method"] += f", preset {preset}"
+            changes = {k: v for k, v in self.config.changes().items() if k != "preset"}
+            listed = ", ".join(f"{name} = {value}" for name, value in changes.items())
+            asked["settings"] = listed or "the preset's"
+        asked["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
+        lines = [f"  {name}: {text}" for name, text in asked.items()]
+        return "\n".join(["Analysis", *lines, "More: .key, .settings; accpinn.run answers it"])
+
     @classmethod
+    @checked_method
     def of(
         cls,
         recording: Recording,
@@ -103,7 +119,8 @@ class Analysis:
             model: key of the model; by default the method's usual one.
             fixed: parameters of it that keep their values, as {"s0": 4.0}.
             method: key of a method; by default the recommended one of the model.
-            settings: an object of the method's own type, or its JSON; None for the defaults.
+            settings: an object of the method's own type, or what differs from the preset that it
+                names, as {"preset": "fast", "iterations": 100}; None for the defaults.
 
         Raises:
             AccpinnError: one sentence that names what is not allowed, and what is.
@@ -179,6 +196,8 @@ class Analysis:
             "version": METHODS[self.method].version,
             "settings": settings,
         }
+        if code := fingerprint(self.spec.model):  # of a model from somebody's script
+            asked["code"] = code
         return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -249,9 +268,16 @@ def _settings(method: str, given: Any) -> dict[str, Any]:
     """All settings of a method, of which some may be given; none for a method without any."""
     kind = method_of(method).settings
     if kind is None:
+        if given:
+            raise ConfigError(f"settings: the method {method} has none; leave settings out.")
         return {}
-    if given is None or isinstance(given, dict):
-        given = kind.from_json(kind.default().to_json() | (given or {}))
+    if given is None or isinstance(given, Mapping):
+        given = kind.with_changes(given or {})
+    if not isinstance(given, kind):
+        raise ConfigError(
+            f"settings: {shown(given)} is not allowed; choose a dict of {method}'s settings, as"
+            ' {"iterations": 100}.'
+        )
     return dict(given.to_json())
 
 
@@ -268,4 +294,4 @@ def vehicles_of(recording: Recording, vehicles: str | Sequence[int] | None) -> t
 
 def _require(value: object, kind: type, name: str, allowed: str) -> None:
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")
+        raise ConfigError(f"{name}: {shown(value)} is not allowed; choose {allowed}.")

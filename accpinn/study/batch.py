@@ -44,6 +44,7 @@ from accpinn.study.plan import LEAST, Sources, files_of, left_out, plan
 from accpinn.study.result import result_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
+from accpinn.study.scripts import ENDING, Script
 from accpinn.study.studies import (
     Computed,
     KnownFile,
@@ -106,7 +107,7 @@ def batch(
     window: Seconds = DURATION,
     methods: Sequence[str] = COMPARED,
     case: Case = "II",
-    model: str = BEST,
+    model: str | os.PathLike[str] = BEST,
     workers: int | None = None,
     scheduler: str | None = None,
     mapping: CsvMapping | None = None,
@@ -121,7 +122,8 @@ def batch(
         window: longest window, in s; infinite for whole stretches.
         methods: names in `VARIANTS`; one that cannot estimate the model estimates its usual one.
         case: "I" or "II".
-        model: that is estimated; a key of `accpinn.model.registry`.
+        model: that is estimated; a key of `accpinn.model.registry`, or the path of a script ending
+            in .py that registers a model, which each worker runs.
         workers: processes on this machine; by default one for each processor.
         scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
         mapping: of tables that are neither OpenACC runs nor tables of pairs.
@@ -132,6 +134,14 @@ def batch(
         ConfigError: for settings that are not allowed, or a study with others.
         RecordingError: when a source does not exist, the study cannot be written, or the scheduler
             cannot be reached.
+
+    Examples:
+        >>> import accpinn, tempfile
+        >>> recording = accpinn.sample_path("paper_study")
+        >>> with tempfile.TemporaryDirectory() as study:
+        ...     done = accpinn.batch(recording, study, methods=("splines",), workers=1)
+        >>> done.windows, done.rows, done.failed
+        (1, 1, 0)
     """
     if case not in ("I", "II"):
         raise ConfigError(f"case: {case} is not known; choose I or II.")
@@ -143,18 +153,20 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
+    path = os.fspath(model)
+    script = Script.read(path) if path.endswith(ENDING) else None
     listed = [sources] if isinstance(sources, str | os.PathLike) else sources
     request = Request(
         sources=tuple(map(os.path.abspath, listed)),
         methods=tuple(dict.fromkeys(map(known_variant, methods))),
         window=window if math.isfinite(window) else None,
         case=case,
-        model=following_model(model).key,
+        model=following_model(script.run() if script else path).key,
         workers=workers,
         scheduler=scheduler,
         mapping=mapping,
     )
-    return run_request(Path(study), request, on_progress, should_stop)
+    return run_request(Path(study), request, on_progress, should_stop, script)
 
 
 def run_request(
@@ -162,11 +174,12 @@ def run_request(
     request: Request,
     on_progress: Callable[[BatchProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
+    script: Script | None = None,
 ) -> BatchProgress:
-    """Do what is missing of a request; see `batch`."""
+    """Do what is missing of a request; see `batch`. The script registers its model in workers."""
     files = files_of(request.sources, study)
     with written(study, request) as opened_study:
-        work = _Batch(opened_study, request, files, on_progress or (lambda _: None))
+        work = _Batch(opened_study, request, files, on_progress or (lambda _: None), script)
         return work.run(should_stop or (lambda: False))
 
 
@@ -187,10 +200,14 @@ class WindowJob:
     segment: Segment
     fraction: float = 0.0
     """Its share of what is left to do of its file."""
+    script: Script | None = None
+    """What registers the model; None for a model of the package."""
 
 
 def answer_all(job: WindowJob) -> list[Computed]:
     """Answer the analyses of one window; one that fails does not stop the others."""
+    if job.script:
+        job.script.run()
     segment = replace(job.segment)  # arrays of its own: those received may lie anyhow in memory
     return [_answer(job, segment, analysis) for analysis in job.analyses]
 
@@ -246,7 +263,9 @@ class _Batch:
         request: Request,
         files: list[Path],
         on_progress: Callable[[BatchProgress], None],
+        script: Script | None = None,
     ) -> None:
+        self._script = script
         self._study, self._request, self._files = study, request, files
         self._digests: dict[str, Path] = {}
         """The files so far, by the SHA-256 of their bytes."""
@@ -325,7 +344,7 @@ class _Batch:
                 self._advance(file)
             sizes = [relative_size(job.segment) for job in jobs]
             for job, size in zip(jobs, sizes, strict=True):
-                yield replace(job, fraction=size / sum(sizes))
+                yield replace(job, fraction=size / sum(sizes), script=self._script)
 
     def _jobs_of(self, file: Path) -> list[WindowJob]:
         """The windows of a file that are left to do; what is known whole is not read.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
@@ -158,6 +158,12 @@ def starts(
             a model without α, β and τ the paper's is trained.
         initials: of α, β, τ.
         seeds: by default that of the analysis alone.
+
+    Examples:
+        >>> import accpinn
+        >>> asked = accpinn.analyse(accpinn.sample("motorway"), vehicles="1-2", preset="fast")
+        >>> len(list(accpinn.starts(asked, seeds=(0, 1))))
+        10
     """
     config: PinnConfig = analysis.config
     if not analysis.spec.following.is_cthp:
@@ -168,7 +174,19 @@ def starts(
 
 
 def spread_of(results: Sequence[Result]) -> Spread:
-    """How far apart trainings of one segment end that differ in initial values and seed."""
+    """How far apart trainings of one segment end that differ in initial values and seed.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> quick = {"iterations": 20}
+        >>> asked = accpinn.analyse(recording, 0, 60, "1-2", preset="fast", settings=quick)
+        >>> results = [accpinn.run(each, recording) for each in list(accpinn.starts(asked))[:2]]
+        >>> accpinn.spread_of(results).percent.shape
+        (1, 3)
+    """
+    if not results:
+        raise ConfigError("results: none is given; choose those of trainings, in a list.")
     if len(results) < 2:
         return Spread(np.full((results[0].info.followers, 3), np.nan), ())
     tables = np.array([result.parameters.values for result in results])

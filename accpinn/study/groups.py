@@ -26,6 +26,7 @@ from scipy.optimize import brentq
 from scipy.special import betainc
 from scipy.stats import multivariate_normal
 
+from accpinn.arguments import check_level
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
@@ -38,7 +39,7 @@ from accpinn.inference.window_posterior import (
     parameters_of,
     possible,
 )
-from accpinn.methods.estimate import Span
+from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
@@ -182,6 +183,30 @@ class Groups:
     """Level of all intervals but the quartiles."""
     groups: tuple[Group, ...]
 
+    def to_frame(self) -> pd.DataFrame:
+        """One row a group, as `Result.to_frame` has one a follower.
+
+        Columns are what it is grouped by, windows, vehicles, mean_time_gap (median, and the
+        quartiles as .._low and .._high), the typical time gap at 50 and 100 km/h and the
+        parameters with their intervals, and the shares l2_stable and linf_stable.
+        """
+        rows = []
+        for part in self.groups:
+            row: dict[str, Any] = dict(zip(self.by, part.values, strict=True))
+            row |= {"windows": part.windows, "vehicles": part.vehicles, "model": self.model}
+            known: dict[str, Quantity] = {"mean_time_gap": part.mean_time_gap}
+            for speed in SPEEDS:
+                known[f"time_gap_at_{3.6 * speed:.0f}_kmh_s"] = part.time_gap(speed)
+            known |= {name: part.span(name) for name in part.names}
+            known |= {"l2_stable": part.l2_stable, "linf_stable": part.linf_stable}
+            for name, of in known.items():
+                row |= {name: of.value, f"{name}_low": of.lower, f"{name}_high": of.upper}
+            for speed in SPEEDS:
+                key = f"time_gap_at_{3.6 * speed:.0f}_kmh_s_extrapolated"
+                row[key] = not part.is_driven(speed)
+            rows.append(row)
+        return pd.DataFrame(rows)
+
 
 def read_study(study: str | Path) -> pd.DataFrame:
     """The rows of a batch with the columns of `COLUMNS` and `POSTERIOR`, also while it runs.
@@ -190,6 +215,12 @@ def read_study(study: str | Path) -> pd.DataFrame:
 
     Raises:
         RecordingError: where there is no batch, or its file is damaged.
+
+    Examples:
+        >>> import accpinn
+        >>> rows = accpinn.read_study("study")  # the folder that batch wrote to
+        >>> rows.make.tolist()
+        ['Volvo', 'Audi']
     """
     folder = Path(study)
     frame = pd.DataFrame(read_rows(folder), columns=[column.name for column in COLUMNS])
@@ -213,12 +244,24 @@ def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> G
 
     Raises:
         ConfigError: for a column or a level that is not allowed.
+
+    Examples:
+        >>> import accpinn
+        >>> groups = accpinn.group(accpinn.read_study("study"), by=("make",))
+        >>> groups.to_frame()[["make", "windows"]].values.tolist()
+        [['Audi', 1], ['Volvo', 1]]
     """
     for name in by:
         if name not in GROUPABLE:
-            raise ConfigError(f"by: {name[:40]} is not known; choose from {', '.join(GROUPABLE)}.")
-    if not 0.0 < level < 1.0:
-        raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
+            raise ConfigError(
+                f"by: {str(name)[:40]} is not known; choose from {', '.join(GROUPABLE)}."
+            )
+    check_level(level)
+    if POSTERIOR not in rows:
+        raise ConfigError(
+            "rows: the frame lacks the draws of each posterior, which are in no Parquet file; read"
+            " the study's folder by accpinn.read_study."
+        )
     model = rows.attrs.get("model", BEST)
     part = rows.drop_duplicates(PLACE)
     part = part.assign(**{name: part[name].fillna("").astype(str) for name in by})

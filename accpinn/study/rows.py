@@ -12,7 +12,7 @@ from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.methods.registry import variant_name
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import FOLLOWING, SHIPPED
 from accpinn.recordings import unnamed
 from accpinn.recordings.openacc import make_and_model
 from accpinn.stability import stability_report
@@ -34,11 +34,12 @@ class RowColumn:
 
 FURTHER = {
     p.name: p.unit
-    for model in FOLLOWING.values()
+    for key, model in FOLLOWING.items()
     for p in model.parameters
-    if p.name not in PARAMETER_KEYS
+    if key in SHIPPED and p.name not in PARAMETER_KEYS
 }
-"""The parameters that a model may have beside α, β and τ, with their units."""
+"""The parameters that a model may have beside α, β and τ, with their units; of a registered model
+rows have the linearisation alone."""
 
 
 def _columns() -> Iterator[RowColumn]:

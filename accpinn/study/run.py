@@ -44,6 +44,13 @@ def run(
 
     Raises:
         AccpinnError: one sentence that names what is wrong with window, data or settings.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> asked = accpinn.analyse(recording, vehicles="1-2", method="splines")
+        >>> accpinn.run(asked, recording).estimate.method
+        'splines'
     """
     problems: list[str] = []
     segments = segments or analysis.segments(recording)

@@ -237,6 +237,14 @@ def load(content: str | os.PathLike[str] | bytes) -> Result:
 
     Raises:
         SnapshotError: one sentence of what is wrong.
+
+    Examples:
+        >>> import accpinn, pathlib, tempfile
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = accpinn.save(result, pathlib.Path(folder) / "car.accpinn.zip")
+        ...     accpinn.load(path).parameters == result.parameters
+        True
     """
     if isinstance(content, bytes):
         return read(content)
@@ -330,8 +338,16 @@ def _check(result: Result) -> None:
         ValueError, AccpinnError: with what is wrong and where.
     """
     asked = result.analysis
-    _require(asked.method in METHODS, f'the method "{asked.method[:40]}" is not known')
-    _require(asked.spec.model in FOLLOWING, f'the model "{asked.spec.model[:40]}" is not known')
+    _require(
+        asked.method in METHODS,
+        f'its method "{asked.method[:40]}" is not known here; register it first, as the script did'
+        " that made it",
+    )
+    _require(
+        asked.spec.model in FOLLOWING,
+        f'its model "{asked.spec.model[:40]}" is not known here; register it first, as the script'
+        " did that made it",
+    )
     counts = {len(asked.windows), len(result.infos), len(result.segments)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(result.recording is None, "it holds a recording")

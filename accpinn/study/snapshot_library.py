@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from accpinn.arguments import checked_method
 from accpinn.errors import SnapshotError
 from accpinn.storage import UNFINISHED, folder, reported, variable
 from accpinn.study.result import Result
@@ -24,14 +25,15 @@ LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
 class Library(Shelf):
     """The snapshots of a server, each under the first digits of its digest."""
 
+    @checked_method
     def __init__(
         self,
-        place: Path | None = None,
+        place: str | os.PathLike[str] | None = None,
         cap_bytes: int = LIBRARY_BYTES,
         cap_count: int = LIBRARY_COUNT,
     ) -> None:
         """By default among the user's data."""
-        super().__init__(place or folder("snapshots"), cap_bytes)
+        super().__init__(folder("snapshots") if place is None else Path(place), cap_bytes)
         self.cap_count = cap_count
 
     def add(self, content: Result | bytes, owner: str = "") -> str:

@@ -22,6 +22,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from accpinn.arguments import checked_method
 from accpinn.errors import SnapshotError
 from accpinn.inference.typical import interval_ends_of
 from accpinn.methods.estimate import Checkpoint
@@ -287,9 +288,12 @@ def unknown(name: str) -> SnapshotError:
 class Store(Shelf):
     """The cache: results by the keys of their analyses, and checkpoints of trainings."""
 
-    def __init__(self, place: Path | None = None, cap_bytes: int = CACHE_BYTES) -> None:
+    @checked_method
+    def __init__(
+        self, place: str | os.PathLike[str] | None = None, cap_bytes: int = CACHE_BYTES
+    ) -> None:
         """By default in the user's cache folder."""
-        super().__init__(place or folder("cache"), cap_bytes)
+        super().__init__(folder("cache") if place is None else Path(place), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
         """What was found for an analysis; None where nothing was."""

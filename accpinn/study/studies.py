@@ -362,7 +362,10 @@ def read_request(folder: Path) -> Request | None:
         row = database.execute("select document from request").fetchone()
         request = msgspec.json.decode(row[0], type=Request) if row else None
         if request and request.model not in FOLLOWING:
-            raise ValueError(f"its model {request.model[:40]} is not known")
+            raise StudyError(
+                f"{folder}: its model {request.model[:40]} is not known here; run the script that"
+                " registers it first, on the command line by --model FILE.py."
+            )
         return request
 
 

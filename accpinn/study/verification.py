@@ -134,9 +134,14 @@ class Verification:
     checks: tuple[Check, ...]
 
     @property
-    def ok(self) -> bool:
-        """Whether all that was checked agrees."""
-        return all(check.ok for check in self.checks)
+    def ok(self) -> bool | None:
+        """True if everything was computed again and agrees; None if something was not checked.
+
+        It is False as soon as anything that was checked differs.
+        """
+        if not all(check.ok for check in self.checks):
+            return False
+        return None if self.unchecked else True
 
     @property
     def unchecked(self) -> tuple[Check, ...]:

@@ -84,7 +84,7 @@ class TestExactMotion:
         ids=lambda leader: type(leader).__name__,
     )
     def test_agrees_with_a_tight_numerical_integration(self, leader: Leader) -> None:
-        run = simulate_platoon(MIXED, leader, 0.25)
+        run = simulate_platoon(MIXED, leader, sample_time=0.25)
         speeds, gaps = integrated(MIXED, leader, run)
         np.testing.assert_allclose(run.trajectories.speeds[:, 1:], speeds, rtol=0, atol=1e-8)
         np.testing.assert_allclose(run.trajectories.gaps, gaps, rtol=0, atol=1e-8)
@@ -111,7 +111,8 @@ class TestFindings:
         run = simulate_platoon(row(*[MERCEDES] * 8), SpeedStep(-8.0))
         driven, valid, first = run.trajectories, run.valid, run.collisions[0]
         assert run.findings == (first,)
-        fine = simulate_platoon(run.parameters, SpeedStep(-8.0, duration=60), 0.001).trajectories
+        leader = SpeedStep(-8.0, duration=60)
+        fine = simulate_platoon(run.parameters, leader, sample_time=0.001).trajectories
         exact = fine.time[np.argmax(fine.gaps[:, 3] <= 0)]
         assert first.time == pytest.approx(exact, abs=2e-3)
         np.testing.assert_array_equal(run.minimum_gap, driven.gaps.min(axis=0))
@@ -164,8 +165,8 @@ class TestFindings:
     ("make", "words"),
     [
         (lambda: simulate_platoon(row(AUDI, NO_GAP_CONTROL), Sinusoid()), r"set 2: .* give τ"),
-        (lambda: simulate_platoon(AUDI, Sinusoid(), 0.0), "Sample time 0 s"),
-        (lambda: simulate_platoon(AUDI, Brake(), 1e-9), "shorten its duration"),
+        (lambda: simulate_platoon(AUDI, Sinusoid(), sample_time=0.0), "Sample time 0 s"),
+        (lambda: simulate_platoon(AUDI, Brake(), sample_time=1e-9), "shorten its duration"),
         (lambda: simulate_platoon(Parameters([], [], []), Sinusoid()), "no vehicle"),
         (lambda: simulate_platoon(Parameters(nan, 1, 1), Sinusoid()), "set 1: α is missing"),
         (lambda: simulate_platoon(Parameters(1e9, 1e9, 1), Sinusoid()), "within a microsecond"),

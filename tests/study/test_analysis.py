@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.api import fit
+from accpinn import fit
 from accpinn.errors import AccpinnError
 from accpinn.methods.pinn.config import CALIBRATED, preset
 from accpinn.methods.registry import METHODS, VARIANTS
@@ -154,7 +154,7 @@ def test_a_usual_model_becomes_that_of_another_method() -> None:
         ({"seed": 1.5}, "seed"),
         ({"method": "splines", "preset": "fast"}, "preset: the method splines has none"),
         ({"method": "maximum-likelihood", "preset": "fast"}, "means pinn with the preset calibr"),
-        ({"method": "pinn", "settings": {"speed": 1}}, "these are not the PiNN's"),
+        ({"method": "pinn", "settings": {"speed": 1}}, "speed is not known; choose from preset"),
         ({"vehicles": (1.0, 2.0)}, "vehicles"),
         ({"exclude": "lunch"}, "catching-up"),
         ({"windows": []}, "windows"),

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from accpinn.api import fit, save
+from accpinn import fit, save
 from accpinn.errors import ConfigError
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Criterion
@@ -161,7 +161,7 @@ def result() -> Result:
 
 def test_the_tree_has_the_posterior_and_each_window(result: Result) -> None:
     tree = result.to_datatree()
-    typical, table = tree["posterior"], result.draws
+    typical, table = tree["posterior"], result.posterior.to_frame()
     assert len(table) == 2 * typical["tau"].size
     for k, vehicle in enumerate((2, 3)):
         for name in result.estimate.names:
@@ -204,7 +204,7 @@ def test_the_file_is_read_again(result: Result, tmp_path: Path) -> None:
 def test_a_point_has_no_draws_and_says_what_has(
     result: Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for use in (small().to_datatree, lambda: small().draws):
+    for use in (small().to_datatree, small().to_netcdf):
         with pytest.raises(ConfigError, match=r"least-squares has none; choose the PiNN's preset"):
             use()
     assert small().uncertainty is None

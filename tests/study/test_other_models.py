@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from accpinn.api import fit, report, save, verify
+from accpinn import fit, report, save, verify
 from accpinn.errors import ParameterError
 from accpinn.methods.estimate import Undetermined
 from accpinn.methods.registry import METHODS
@@ -139,7 +139,7 @@ def test_a_snapshot_of_it_is_the_same_and_is_confirmed(folder: Path) -> None:
     other = replace(kept.estimate, parameters=Parameters.of(1.01 * kept.parameters.everything))
     assert not verify(to_bytes(replace(kept, estimate=other))).ok
     assert "IDM" in report(result, folder / "idm.html").read_text()
-    assert set(result.draws.columns) >= set(FOLLOWING["idm"].names)
+    assert set(result.posterior.to_frame().columns) >= set(FOLLOWING["idm"].names)
     card = parameter_card(result)
     assert "s* = s₀ + v T" in card["model"]["equations"][1]
     values = [card["vehicles"][0][named["name"]]["value"] for named in card["model"]["parameters"]]

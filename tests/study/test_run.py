@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.api import fit
+from accpinn import fit
 from accpinn.errors import AccpinnError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import TaskContext
@@ -253,12 +253,12 @@ class TestResult:
         result = small()
         (vehicle,) = result.stability.vehicles
         assert vehicle.parameters == result.estimate.parameters[0]
-        (transfer,) = result.transfer_function()
+        (transfer,) = result.transfer_functions()
         assert abs(transfer(1j * vehicle.peak.omega)) == pytest.approx(vehicle.peak.gain)
         lost = altered(result, parameters=Parameters([0.1], [0.1], [np.nan]))
         assert lost.stability is None
         with pytest.raises(ParameterError):
-            lost.transfer_function()
+            lost.transfer_functions()
 
     def test_what_is_known_of_it_is_centred_on_its_estimate(self) -> None:
         result = two_windows()

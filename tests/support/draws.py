@@ -23,7 +23,10 @@ def take(draws: Draws) -> Draws:
     before, taken = taken, draws
     posterior.STAGES, posterior.FURTHER, population.BURN, kept = draws
     population.KEPT = typical.KEPT = kept
-    os.environ[PRELOAD] = "tests.support.draws" if draws == FEW else ""
+    if draws == FEW:
+        os.environ[PRELOAD] = "tests.support.draws"
+    else:
+        os.environ.pop(PRELOAD, None)
     for known in (window_posterior.window_posterior, window_posterior.sampled):
         known.cache_clear()
     return before

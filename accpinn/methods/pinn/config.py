@@ -3,15 +3,18 @@
 A setting that is not given is the preset's.
 """
 
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import isfinite
+from numbers import Real
 from typing import Any, Literal, Self, get_args
 
 import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, ParameterError, shown
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Seconds
 
@@ -19,6 +22,7 @@ METHOD_VERSION = 10
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "calibrated", "paper"]
+PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 DEFAULT: PresetName = "calibrated"
 """The preset of whoever names none, in Python, on the command line and on pages."""
 NAMES = "fast, calibrated or paper"
@@ -103,24 +107,32 @@ class PinnConfig:
         Raises:
             ConfigError: naming the setting, its range and the value given.
         """
-        _require(self.preset in get_args(PresetName), "preset", NAMES, self.preset)
+        is_known = isinstance(self.preset, str) and self.preset in PRESET_NAMES
+        _require(is_known, "preset", NAMES, self.preset)
         for setting, value in _USUAL[self.preset].items():
             if getattr(self, setting) is OF_PRESET:
                 object.__setattr__(self, setting, value)
         for setting, (least, most, unit) in _RANGES.items():
             given, allowed = getattr(self, setting), f"{least:,} to {most:,}{unit}"
-            _require(least <= given <= most, _title(setting), allowed, given)
+            _require(_is_number(given) and least <= given <= most, _title(setting), allowed, given)
+        is_set = isinstance(self.initial, Parameters)
+        _require(is_set, "initial", "Parameters, as Parameters(1, 1, 1)", self.initial)
         initial = self.initial.values
         lowest, highest = np.transpose([(q.lowest, q.highest) for q in PARAMETERS])
         ranges = ", ".join(f"{q.symbol} from {q.lowest:g} to {q.highest:g}" for q in PARAMETERS)
         inside = initial.shape == (3,) and bool(((initial >= lowest) & (initial <= highest)).all())
         _require(inside, "initial", f"three numbers: {ranges}", initial.tolist())
+        for setting in ("weight_physics", "weight_data"):
+            pair = getattr(self, setting)
+            is_pair = isinstance(pair, tuple) and [*map(_is_number, pair)] == [True, True]
+            _require(is_pair, _title(setting), "a tuple of two numbers", pair)
+        _require(_is_number(self.weight_initial), "weights", "numbers", self.weight_initial)
         weights = (*self.weight_physics, self.weight_initial, *self.weight_data)
         _require(all(isfinite(w) and w >= 0 for w in weights), "weights", "0 or more", weights)
         _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)
         _require(min(self.weight_physics) > 0, "physics weights Q", "above 0", self.weight_physics)
         _require(
-            0 < self.learning_rate <= 1,
+            _is_number(self.learning_rate) and 0 < self.learning_rate <= 1,
             "learning rate",
             "above 0 and at most 1",
             self.learning_rate,
@@ -156,6 +168,22 @@ class PinnConfig:
         """The settings of whoever chooses none."""
         return cls()
 
+    @classmethod
+    def with_changes(cls, changes: Mapping[str, Any]) -> Self:
+        """The preset that the changes name, else the default one, with the other changes.
+
+        Raises:
+            ConfigError: for a setting that there is not, or one outside its range.
+        """
+        usual = preset(changes.get("preset", DEFAULT)).to_json()
+        for name in changes:
+            if name not in usual:
+                raise ConfigError(
+                    f"settings: {str(name)[:40]} is not known; choose from {', '.join(usual)}."
+                )
+        given = {name: _plain(value) for name, value in changes.items()}
+        return cls.from_json(usual | given)
+
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples and parameters."""
         document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self, enc_hook=_numbers))
@@ -172,13 +200,27 @@ class PinnConfig:
             raise ConfigError("settings: these are not the PiNN's; choose a preset instead.")
         try:
             return msgspec.convert(settings, cls, dec_hook=lambda _, values: Parameters.of(values))
-        except (TypeError, ValueError):
-            raise ConfigError("settings: not all are numbers; choose a preset instead.") from None
+        except (TypeError, ValueError, ParameterError) as fault:
+            place = re.search(r"\$\.(\w+)", str(fault))
+            name = place[1] if place else "initial"
+            raise ConfigError(
+                f"settings: {name} = {shown(settings[name])} is not allowed; the presets have"
+                f" {FAST.to_json()[name]}."
+            ) from None
 
     def changes(self) -> dict[str, Any]:
         """The settings that differ from the preset, as in `to_json`."""
         usual = PRESETS[self.preset].to_json()
         return {name: value for name, value in self.to_json().items() if value != usual[name]}
+
+
+def _plain(value: Any) -> Any:
+    """A setting as JSON has it, where it is an object of this package or of numpy."""
+    if isinstance(value, Parameters):
+        return _numbers(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
 
 
 def _title(setting: str) -> str:
@@ -193,7 +235,11 @@ def _numbers(parameters: Parameters) -> list[float]:
 
 def _require(good: bool, setting: str, allowed: str, given: object) -> None:
     if not good:
-        raise ConfigError(f"{setting}: {given} is not allowed; choose {allowed}.")
+        raise ConfigError(f"{setting}: {shown(given)} is not allowed; choose {allowed}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 FAST = PinnConfig("fast")
@@ -213,7 +259,13 @@ def preset(name: str, **changes: Any) -> PinnConfig:
 
     Raises:
         ConfigError: for an unknown preset, or a setting outside its range.
+
+    Examples:
+        >>> import accpinn
+        >>> accpinn.preset("fast", iterations=100, width=40).changes()
+        {'iterations': 100, 'width': 40}
     """
-    if name not in PRESETS:
-        raise ConfigError(f"preset: {name} is not known; choose {NAMES}.")
-    return replace(PRESETS[name], **changes)
+    if not isinstance(name, str) or name not in PRESETS:
+        given = shown(name).strip("'")
+        raise ConfigError(f"preset: {given} is not known; choose {NAMES}.")
+    return PinnConfig.with_changes({"preset": name, **changes}) if changes else PRESETS[name]

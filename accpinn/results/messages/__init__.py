@@ -13,7 +13,14 @@ if TYPE_CHECKING:  # its import takes a while, and few commands evaluate
 
 
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
-    """The sentences of findings, in their order; ``about`` names recording and vehicles."""
+    """The sentences of findings, in their order; ``about`` names recording and vehicles.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> isinstance(accpinn.messages(result.findings, result.info), tuple)
+        True
+    """
     return tuple(finding.sentence(about) for finding in findings)
 
 

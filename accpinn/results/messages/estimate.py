@@ -113,11 +113,9 @@ def about_estimate(description: Description) -> str:
     gap = f", {'τ + s₀/v' if 's0' in model.names else 'τ'}" if model.is_cthp else ""
     low, high = (f"{3.6 * end:.0f}" for end in (speeds.min(), speeds.max()))
     median = low if low == high else f"{low} to {high}"
-    marked = any(gap.note for row in description.rows for gap in row.gaps.values())
-    extrapolated = " With *: no window holds that speed, so the model extrapolates." * marked
     said = (
         f"{model.equation}, with gap p, speed v, and Δv = speed ahead − v."
-        f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{extrapolated}"
+        f" Time gap: in equilibrium{gap}; median speed: {median} km/h."
     )
     if level is None:
         return f"{said} {capital(description.point)}."

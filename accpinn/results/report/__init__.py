@@ -107,6 +107,12 @@ def render_report(
 
     By default it is verified now, and its methods run again where that is soon done. Without curves
     the page has neither measured nor fitted series, for recordings that must not be shared.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> accpinn.render_report(result, with_curves=False)[:15]
+        '<!DOCTYPE html>'
     """
     verification = verification or verify(snapshot, refit_within=PROMPT)
     script = (HERE / "page.js").read_text(encoding="utf-8")

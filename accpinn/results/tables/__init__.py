@@ -24,6 +24,7 @@ from accpinn.units import FloatArray, Quantity
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from pandas import DataFrame
 
 
 class Range(NamedTuple):
@@ -278,29 +279,57 @@ class Table:
             cells = [row[0].ljust(widths[0])]
             cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
             lines.append("  ".join(cells).rstrip())
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.legend])
 
     def to_csv(self) -> str:
         """Full precision, ends of an interval in columns of their own; empty where no value is.
 
-        No text is such that a spreadsheet would evaluate it.
+        What changes how a value is read, as that it is extrapolated, has a column that ends in
+        ``_note``. No text is such that a spreadsheet would evaluate it.
         """
-        rows = [[_parts(cell) for cell in row] for row in self.rows]
-        sizes = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
-        sizes = sizes or [1] * len(self.columns)
+        columns = self._flat()
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        pairs = zip(self.columns, sizes, strict=True)
-        writer.writerow(column.csv_name + end for column, size in pairs for end in ENDINGS[size])
-        writer.writerows(
-            [
-                _csv_cell(part)
-                for parts, size in zip(row, sizes, strict=True)
-                for part in (*parts, *(None,) * (size - len(parts)))
-            ]
-            for row in rows
-        )
+        writer.writerow(columns)
+        rows = zip(*columns.values(), strict=True) if self.rows else ()
+        writer.writerows([_csv_cell(cell) for cell in row] for row in rows)
         return text.getvalue()
+
+    def to_frame(self) -> "DataFrame":
+        """A pandas frame with the columns of `to_csv`: full precision, None and nan where empty."""
+        from pandas import DataFrame  # takes a third of a second
+
+        return DataFrame(self._flat())
+
+    def _flat(self) -> dict[str, list[Cell]]:
+        """Every column of the CSV file by its name: values, ends of intervals, notes."""
+        flat: dict[str, list[Cell]] = {}
+        for place, column in enumerate(self.columns):
+            cells = [row[place] for row in self.rows]
+            parts = [_parts(cell) for cell in cells]
+            size = max(map(len, parts), default=1)
+            for k, ending in enumerate(ENDINGS[size]):
+                flat[column.csv_name + ending] = [
+                    part[k] if k < len(part) else None for part in parts
+                ]
+            if any(isinstance(cell, Marked) for cell in cells):
+                notes = [cell.why if isinstance(cell, Marked) else "" for cell in cells]
+                flat[f"{column.csv_name}_note"] = [*notes]
+        return flat
+
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """What each mark in it means, as "*: extrapolated: no window holds this speed"."""
+        marked = (cell for row in self.rows for cell in row if isinstance(cell, Marked))
+        return tuple(dict.fromkeys(f"{cell.mark}: {cell.why}" for cell in marked))
+
+    def _repr_html_(self) -> str:
+        """The table in a notebook."""
+        return f"{STYLE}\n{self.to_html()}"
+
+    def __str__(self) -> str:
+        """The table as text."""
+        return self.to_text()
 
     def to_latex(self) -> str:
         """A table environment; its rules need the package booktabs."""
@@ -325,6 +354,7 @@ class Table:
             *body,
             "    \\bottomrule",
             "  \\end{tabular}",
+            *(f"  \\par {latex(line)}" for line in self.legend),
             "\\end{table}",
         ]
         return "\n".join(lines) + "\n"
@@ -374,16 +404,12 @@ def _parts(cell: Cell) -> tuple[Cell, ...]:
     bare = cell.cell if isinstance(cell, Marked) else cell
     if isinstance(bare, Quantity):
         return bare.value, bare.lower, bare.upper
-    if isinstance(bare, float):
-        return (bare,)
-    return tuple(cell) if isinstance(cell, Range) else (cell,)
+    return tuple(bare) if isinstance(bare, Range) else (bare,)
 
 
 def _csv_cell(cell: Cell) -> Cell:
     if cell is None or cell != cell:
         return ""
-    if isinstance(cell, Marked):
-        return f"{cell.cell}*"
     if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell

@@ -10,12 +10,13 @@ from math import isnan, nan
 import numpy as np
 
 from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
+from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.estimate import SPEEDS, Estimate, Span
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import title_of as title_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, value_of
 from accpinn.results.description import (
@@ -66,8 +67,6 @@ AGAINST = "Difference from the CTHP"
 MODEL, LEFT_OUT = Column("Model", key="model"), "In windows left out"
 COMPARED = ("α", "β", "time gap")
 """By what estimates under different models are compared; the time gap is at the median speed."""
-TITLES = {key: method.title for key, method in METHODS.items()}
-"""The name of a method wherever people read it."""
 
 
 # The parameters of one estimate
@@ -88,6 +87,12 @@ def parameter_table(description: Description) -> Table:
 
     The columns are time gaps in equilibrium and the model's parameters; where there is a posterior
     they have intervals, and the last column is that of the time gap in a further window.
+
+    Examples:
+        >>> import accpinn
+        >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+        >>> accpinn.parameter_table(result).to_frame().alpha.round(2).tolist()
+        [0.09]
     """
     rows, estimate = description.rows, description.estimate
     level, last = estimate.level, estimate.stated_speed
@@ -132,13 +137,6 @@ def cell_of(value: Value) -> Cell:
     return Marked(cell, note, "†" if note == LEAST else "*")
 
 
-def _with_legend(caption: str, filled: Sequence[Filled]) -> Table:
-    """A table whose caption says what "†" means, where a cell has it."""
-    cells = (cell for _, column in filled for cell in column)
-    is_marked = any(isinstance(cell, Marked) and cell.why == LEAST for cell in cells)
-    return Table.of(f"{caption} (†: {LEAST})" if is_marked else caption, filled)
-
-
 @view
 def windows_table(description: Description, follower: int) -> Table:
     """One row a window: what it alone says of one follower (0 for the first); below, all of them.
@@ -157,7 +155,7 @@ def windows_table(description: Description, follower: int) -> Table:
     ]  # fmt: skip
     label = row_label(description.info, row.number)
     caption = f"{label}: {estimate.spec.in_words}, each window alone, and all"
-    return _with_legend(caption, filled)
+    return Table.of(caption, filled)
 
 
 @view
@@ -290,11 +288,25 @@ def methods_table(
 
     The recommended estimate, which has a posterior, is the first row, with its intervals; of all
     others it is said whether they lie inside these.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> methods = ("least-squares", "splines")
+        >>> results = list(accpinn.compare(recording, vehicles="1-2", methods=methods))
+        >>> len(accpinn.methods_table(results, follower=0).rows)
+        2
     """
+    if not results and recommended is None:
+        raise ConfigError("results: none is given; choose what accpinn.compare yields, in a list.")
     own = recommended.analysis.key if recommended else ""
     others = [result for result in results if result.analysis.key != own]
     rows = [recommended, *others] if recommended else others
     info, found = rows[0].info, [result.estimate for result in rows]
+    if not 0 <= follower < info.followers:
+        raise ConfigError(
+            f"follower: {follower} is not there; choose 0 to {info.followers - 1}, the first is 0."
+        )
     known, speed = recommended.uncertainty if recommended else None, found[0].stated_speed
     gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
     if known:
@@ -364,7 +376,7 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
         (Column("Held-out log density", "", 1, AGAINST), [f.holdout[follower] for f in forms]),
     ]
-    return _with_legend(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:

@@ -50,6 +50,14 @@ def stability_table(
 
     An uncertainty adds probabilities, the posterior's verdicts, and intervals; a verdict that the
     measured gain contradicts is marked.
+
+    Examples:
+        >>> import accpinn
+        >>> parameters = accpinn.Parameters([0.08], [0.3], [1.2])
+        >>> report = accpinn.stability_report(parameters)
+        >>> cars = accpinn.ParameterSet("given", ("A car",), parameters)
+        >>> accpinn.stability_table(cars, report).rows[0][0]
+        'A car'
     """
     assessed, known = report.vehicles, uncertainty
     against = _contradictions(vehicles, checks)

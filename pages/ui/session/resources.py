@@ -15,7 +15,7 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
 from accpinn.segment.suggestion import Information
-from accpinn.storage import folder, variable
+from accpinn.storage import folder, shipped, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
 from accpinn.study.plan import ENDINGS, car_following
@@ -28,7 +28,7 @@ KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
 KEPT_CHOICES = 16
 """The latest choices of recording, vehicles and window for which is kept what follows."""
-SAMPLES = Path(__file__).parents[3] / "sample_data"
+SAMPLES = shipped("sample_data")
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
     "synthetic_motorway": "Motorway cars: three followers with an intercept and a delay",

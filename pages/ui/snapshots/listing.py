@@ -11,6 +11,7 @@ import numpy as np
 import streamlit as st
 
 from accpinn.errors import RecordingError
+from accpinn.methods.registry import title_of as method_title
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import SIMULATION, driven, tracking
@@ -19,7 +20,6 @@ from accpinn.results.tables import ABSENT, Cell, Column, Table
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
-    TITLES,
     gap_column,
     name_of,
     parameter_cells,
@@ -89,7 +89,7 @@ def title_of(saved: Entry | Result) -> str:
     if isinstance(saved, Result):
         title, case = name_of(saved.estimate), f", Case {saved.estimate.case}"
     else:
-        title = TITLES.get(saved.method, saved.method)
+        title = method_title(saved.method)
         title += f" ({saved.preset} preset)" if saved.preset else ""
         case = f", Case {saved.case}"
     return (title + case * (len(saved.parameters) > 1)) or saved.id
@@ -123,7 +123,7 @@ def first_estimate(entry: Entry) -> str:
         f"{column.title} {replace(column, is_brief=True).shown(estimate)} {column.unit}"
         for column, estimate in own
     )
-    return f"{label} by {TITLES.get(entry.method, entry.method)}: {', '.join(shown)}"
+    return f"{label} by {method_title(entry.method)}: {', '.join(shown)}"
 
 
 def choose_entry(

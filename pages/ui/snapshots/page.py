@@ -255,7 +255,7 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
     if st.session_state.get(again):
         with st.spinner("Running the methods again"):
             verification = _verified(snapshot, recording)
-        if verification.ok:
+        if verification.ok is not False:
             st.caption(escape_markdown(verification.sentence))
         else:
             show.messages(verification.sentence, "error")
@@ -277,7 +277,7 @@ def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     with st.spinner("Running the method again"):
         verification = _verified(snapshot, recording)
     st.markdown(f"**{escape_markdown(verification.counted)}**")
-    if not verification.ok:
+    if verification.ok is False:
         show.messages(verification.sentence, "error")
     show.table(verification_table(verification))
 

@@ -317,7 +317,7 @@ class TestSettings:
     def test_an_unknown_preset_is_refused(self) -> None:
         with pytest.raises(ConfigError, match="choose fast, calibrated or paper"):
             preset("quick")
-        with pytest.raises(ConfigError, match="not all are numbers"):
+        with pytest.raises(ConfigError, match="initial = 1 is not allowed"):
             PinnConfig.from_json(FAST.to_json() | {"initial": 1})
 
 
