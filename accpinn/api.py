@@ -525,7 +525,7 @@ def verify(
 
     Returns:
         its ``ok`` is True only if everything was computed again and agrees, False if something
-        differs, and None if something was not checked: without the recording, the data are not.
+        differs, and None if something was not computed again.
 
     Raises:
         AccpinnError: when one of them cannot be read.
@@ -536,7 +536,7 @@ def verify(
         >>> result = accpinn.fit(recording, vehicles="1-2", method="splines")
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = accpinn.save(result, pathlib.Path(folder) / "car.accpinn.zip")
-        ...     accpinn.verify(path, recording).ok, accpinn.verify(path).ok
+        ...     accpinn.verify(path).ok, accpinn.verify(path, refit_within=0).ok
         (True, None)
     """
     if not refit_within >= 0:

@@ -135,13 +135,15 @@ class Verification:
 
     @property
     def ok(self) -> bool | None:
-        """True if everything was computed again and agrees; None if something was not checked.
+        """True if everything was computed again and agrees; None if something was not.
 
-        It is False as soon as anything that was checked differs.
+        It is False as soon as anything that was checked differs. The data are what all is computed
+        from: a snapshot carries them, and only the recording can be held against them, so that
+        they are listed among `unchecked` without it but do not count here.
         """
         if not all(check.ok for check in self.checks):
             return False
-        return None if self.unchecked else True
+        return None if any(check.part != "data" for check in self.unchecked) else True
 
     @property
     def unchecked(self) -> tuple[Check, ...]:
