@@ -93,7 +93,7 @@ def read_all(
 
 
 def contradictions(recording: Recording) -> tuple[Finding, ...]:
-    """The findings that say that columns, units or signs are probably others than they were read."""
+    """The findings that say that columns, units or signs are probably others than was read."""
     return tuple(
         finding for finding in recording.findings
         if (

@@ -8,6 +8,7 @@
 Speeds are listed leader first, and a gap for each follower. What else can be said:
 
     "time": {"column": "clock", "unit": "clock", "date": "day"}   date and time in two columns
+    "time": {"column": "secs", "nanoseconds": "nsecs"}            whole seconds and their fractions
     "time": {"column": "frame", "unit": "frame"}, "sample_time": 0.04     a counter of frames
     "sample_time": 0.1                            even steps, in place of "time"
     {"column": "dv", "relative_to": 2}            a speed relative to that of vehicle 2

@@ -40,6 +40,8 @@ FEW_WORDS = 12
 """Most different words of a column that says who drives."""
 MOST_TRIED = 8
 """Columns among which speeds and gap are sought by their values alone."""
+NO_TIMES = frozenset(("ignored", "speed", "gap", "relative", "acceleration", "position", "length"))
+"""Quantities that columns of time do not hold."""
 USUAL_TIME_GAP: tuple[Seconds, Seconds] = (0.75, 3.0)
 """Time gaps in following that support units which nothing else tells."""
 SURE = 0.9
@@ -120,7 +122,8 @@ class _Column:
 
     @cached_property
     def varies(self) -> bool:
-        return len(self.words) > 1
+        first = next((cell for cell in self.cells if cell), "")
+        return any(cell and cell != first for cell in self.cells)
 
     def is_copy(self, other: "_Column") -> bool:
         """Whether both hold the same cells."""
@@ -242,7 +245,7 @@ def _time(draft: _Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, f
     """The column of time, and its step where it counts frames; of some rows alone if given."""
     candidates = []
     for column in draft.columns:
-        if column.text in draft.choices or not column.varies or column.name.quantity == "ignored":
+        if column.text in draft.choices or not column.varies or column.name.quantity in NO_TIMES:
             continue
         cells = column.cells
         if rows is not None:

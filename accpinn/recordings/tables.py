@@ -55,6 +55,7 @@ COMMENTS = ("#", "%", "//")
 DOUBLED = 0.4
 """Least share of blank rows where a program has doubled all line ends."""
 _DOUBLED = (b"\n\n", b"\n\r\n", b"\r\r\n")
+_LONGEST_MISSING = max(map(len, MISSING))
 _BLOCK = 5_000
 """Cells that are split at a time; larger blocks fit no processor's cache."""
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
@@ -170,7 +171,7 @@ def _layout(
         _require_no_other_names(source_file, above, lines, first, width)
     named = () if header is None else _names_in(lines[header], separator)
     below = lines[data:]
-    rows = [cells_of(row, separator) for row in below if row.strip() and not _is_comment(row)]
+    rows = _cells([row for row in below if row.strip() and not _is_comment(row)], separator)
     if header is not None and len(named) < width and any(any(row[width - 1 :]) for row in rows):
         raise _other_names(source_file, len(named), width, header)
     skipped = _skipped(source_file, data, lines[header] if header is not None else None)
@@ -264,6 +265,8 @@ def _distinct(cells: Sequence[str], width: int) -> tuple[str, ...]:
 def _decimal(rows: Sequence[Sequence[str]], separator: str) -> str:
     """Sign before fractions; a column may begin with whole numbers, so all rows at hand count."""
     cells = {cell for row in rows for cell in row}
+    if not any("," in cell for cell in cells):
+        return "."
     points = sum("." in cell and _kind(cell) == "number" for cell in cells)
     commas = sum("," in cell and _kind(cell) == "number" for cell in cells)
     return "," if commas > points else "."
@@ -277,7 +280,8 @@ def _skipped(source_file: SourceFile, data: int, header: str | None) -> tuple[in
     text, names = source_file.text, (header or "").strip()
     comments = any(b"\n" + mark.encode() in text for mark in COMMENTS)
     repeated = bool(names) and text.count(names.encode(source_file.encoding, "replace")) > 1
-    blank = sum(text.count(ends) for ends in _DOUBLED) > DOUBLED * text.count(b"\n")
+    start = text[:HEADER_BYTES]
+    blank = sum(map(start.count, _DOUBLED)) > DOUBLED * start.count(b"\n")
     if not comments and not repeated and not blank:
         return ()
     numbered = islice(enumerate(source_file.lines(), 1), data, None)
@@ -298,6 +302,13 @@ def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:
     except csv.Error:  # a cell beyond the largest that is read
         return ()
     return tuple(cell.strip() for cell in row)
+
+
+def _cells(lines: Sequence[str], separator: str) -> list[tuple[str, ...]]:
+    """The cells of rows, as `cells_of` has them."""
+    if separator == " " or any('"' in line for line in lines):
+        return [cells_of(line, separator) for line in lines]
+    return [tuple(cell.strip() for cell in line.split(separator)) for line in lines]
 
 
 class ModesUnknown(Finding, frozen=True):
@@ -435,7 +446,7 @@ class Columns:
         if not SHORTEST_STEP <= typical <= LONGEST_STEP:
             fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
             raise self.refusal(fault, "give the time in seconds, or name its unit", column)
-        return time
+        return np.asarray(time)
 
 
 def read_columns(
@@ -462,7 +473,11 @@ def read_columns(
             block[np.isinf(block)] = np.nan  # "inf" is a word for a missing value
             parts[name].append(block)
         for name, column in texts.items():
-            meanings = {word: _word(word) for word in set(cells[positions[name]])}
+            different = set(cells[positions[name]])
+            if len(different) > len(rows) / 2:  # as instants
+                column.extend(_words(cells[positions[name]]))
+                continue
+            meanings = {word: _word(word) for word in different}
             column.extend(map(meanings.__getitem__, cells[positions[name]]))
     columns = {name: np.concatenate(blocks) for name, blocks in parts.items()}
     return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
@@ -482,11 +497,13 @@ def first_cells(source_file: SourceFile, layout: Layout, rows: int) -> list[list
     except csv.Error:
         raise _unreadable(source_file, layout) from None
     columns = zip(*kept, strict=True) if kept else ((),) * width
-    return [[_word(cell) for cell in column] for column in columns]
+    return [_words(column) for column in columns]
 
 
 def numbers_of(cells: Sequence[str], decimal: str) -> FloatArray | None:
     """The numbers (N,) in cells, nan where there is none; None where a tenth are other words."""
+    if decimal == "." and (plain := _plain_numbers(cells)) is not None:
+        return plain
     values = [_number(cell, decimal) for cell in cells]
     filled = [value for cell, value in zip(cells, values, strict=True) if cell]
     if not filled or sum(value is None for value in filled) > len(filled) / 10:
@@ -612,7 +629,25 @@ def _number(cell: str, decimal: str) -> float | None:
 
 
 def _word(cell: str) -> str:
-    return "" if cell.strip().casefold() in MISSING else cell.strip()
+    word = cell.strip()
+    return "" if len(word) <= _LONGEST_MISSING and word.casefold() in MISSING else word
+
+
+def _words(cells: Sequence[str]) -> list[str]:
+    """The cells without white space, "" where a value is missing."""
+    if _plain_numbers(cells) is not None:
+        return [cell.strip() for cell in cells]
+    return [_word(cell) for cell in cells]
+
+
+def _plain_numbers(cells: Sequence[str]) -> FloatArray | None:
+    """The numbers (N,) in cells, all of which are finite ones with a point; None otherwise."""
+    try:
+        values = np.array([*map(float, cells)], np.float64)
+    except ValueError:
+        return None
+    is_plain = len(values) > 0 and bool(np.isfinite(values).all()) and "_" not in "".join(cells)
+    return values if is_plain else None
 
 
 def _not_a_number(

@@ -9,7 +9,7 @@ from unittest.mock import patch
 from accpinn.errors import AccpinnError
 from tests.fuzz.kinds import Kind
 
-LONGEST_SENTENCE = 1000
+LONGEST_SENTENCE = 300
 PLACES = ("ACCPINN_CACHE", "ACCPINN_MAPPINGS", "ACCPINN_SNAPSHOTS", "ACCPINN_RECORDINGS")
 
 

@@ -1,7 +1,7 @@
 """What a stranger may hand over, by kind: how an example is drawn, and what is done with it.
 
-An example is one file, or what a command line or a table is made from, as a JSON text. Whatever is done with
-it ends in one of two ways: it is refused in the project's own error, or it is used.
+An example is one file, or what a command line or a table is made from, as a JSON text. Whatever is
+done with it ends in one of two ways: it is refused in the project's own error, or it is used.
 """
 
 import io

@@ -61,8 +61,7 @@ def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_pa
         """Whether a table is read as an earlier one was."""
         try:
             return MappingRemembered() in read(raw, "next.csv", is_remembered=True).findings
-        except RecordingError as refusal:
-            assert "--mapping" in str(refusal)
+        except RecordingError:
             return False
 
     with pytest.raises(RecordingError, match="--mapping"):
@@ -239,7 +238,10 @@ def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
         (lambda f: f.assign(Speed_LV=["x", *f["Speed_LV"][1:]]), 'row 2, column Speed_LV: "x"'),
         (lambda f: f.assign(Speed_FAV=300.0), "row 2, column Speed_FAV: 300 cannot"),
         (lambda f: f.assign(Spatial_Gap=np.nan), "column Spatial_Gap: all cells are empty"),
-        (lambda f: f.assign(Time_Index=0.0), "row 3, column Time_Index: .*the time of the row before"),
+        (
+            lambda f: f.assign(Time_Index=0.0),
+            "row 3, column Time_Index: .*the time of the row before",
+        ),
         (lambda f: pd.concat([f, f.assign(ID_LV=7), f]), "continues here"),
         (lambda f: f.iloc[:5], "only 5 rows"),
         (lambda f: f.assign(Time_Index=[*f["Time_Index"][:-1], np.inf]), "the time is missing"),
