@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from accpinn.recordings import Mode, Recording, files
 from accpinn.recordings.consistency import ClocksDiffer, SignReversed, UnitsDiffer
-from accpinn.recordings.mapping import recall, write_mapping
+from accpinn.recordings.mapping import kept_mapping, write_mapping
 from pages.ui.data.mapping import CHANGING, open_fields
 from pages.ui.session.pending import Pending
 from pages.ui.session.resources import find_recording
@@ -123,7 +123,9 @@ def test_a_finding_is_cured_by_its_button(columns, finding, label) -> None:
 
 def test_units_that_contradict_are_cured_on_page_data_too() -> None:
     page = dropped("own.csv", own_tables.plain(lead_speed=3.6 * LEADER, ego_speed=3.6 * FOLLOWER))
-    page.choose("data_map_speed_units", "m/s")
+    page.session_state[CHANGING] = True
+    page.run()
+    page.choose("data_map_speed_unit_0", "m/s").choose("data_map_speed_unit_1", "m/s")
     assert any(isinstance(f, UnitsDiffer) for f in files.contradictions(shown(page)))
     page.press("data_open_table")
     session = page.workspace()
@@ -144,7 +146,7 @@ def test_a_mapping_is_remembered_in_the_session_alone() -> None:
     page.choose("data_map_name_0", "Audi A6").press("data_open_table")
     session = page.workspace()
     names = files.opened(content, "own.csv").names
-    assert recall(names) is None, "not on the server's disk"
+    assert kept_mapping(names) is None, "not on the server's disk"
     assert session.mappings[names].speeds[0].name == "Audi A6"
     assert Pending.of(files.opened(content), session.mappings[names]).mapping == (
         session.recording.mapping

@@ -120,7 +120,7 @@ def test_an_exact_simulation_is_not_taken_for_a_running_sum() -> None:
 def test_little_data_and_vehicles_at_rest_are_not_judged() -> None:
     pair = sensed(1)
     some = Pair(1, *(values[:20] for values in (pair.time, pair.ahead, pair.behind, pair.gap)))
-    still = altered(pair, behind=pair.ahead, gap=0 * pair.gap + 5.0)
+    still = altered(pair, behind=pair.ahead + 0.05, gap=0 * pair.gap + 5.0)
     nothing = altered(pair, gap=np.full_like(pair.gap, np.nan))
     for quiet in (some, still, nothing):
         assert agreement(quiet) is None

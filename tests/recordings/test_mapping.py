@@ -12,7 +12,7 @@ import accpinn
 from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.files import contradictions, opened, read, read_all
-from accpinn.recordings.mapping import MappingRemembered, load_mapping, parse_mapping, recall
+from accpinn.recordings.mapping import MappingRemembered, kept_mapping, load_mapping, parse_mapping
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -60,7 +60,7 @@ def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_pa
     def reused(raw: bytes) -> bool:
         """Whether a table is read as an earlier one was."""
         try:
-            return MappingRemembered() in read(raw, "next.csv", is_remembered=True).findings
+            return MappingRemembered() in read(raw, "next.csv", remember=True).findings
         except RecordingError:
             return False
 
@@ -71,10 +71,10 @@ def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_pa
     assert not opened(csv(frame, metadata(("A", "B"))), "run.csv").is_unknown
     assert MappingRemembered() not in read(raw, "mine.csv", mapping=mapping).findings
     assert not reused(raw)
-    first = read(raw, "mine.csv", mapping=mapping, is_remembered=True)
+    first = read(raw, "mine.csv", mapping=mapping, remember=True)
     assert MappingRemembered() not in first.findings
     assert reused(raw)
-    again = read(raw, "next.csv", is_remembered=True)
+    again = read(raw, "next.csv", remember=True)
     np.testing.assert_array_equal(again.speed, first.speed)
     assert again.mapping == mapping
     with pytest.raises(RecordingError, match="--mapping"):
@@ -92,9 +92,9 @@ def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_pa
 def test_a_mapping_that_contradicts_the_data_is_not_remembered(old: str, new: str) -> None:
     raw = foreign(platoon(2, 400)).to_csv(index=False).encode()
     wrong = parse_mapping(MAPPING.replace(old, new))
-    recording = read(raw, "mine.csv", mapping=wrong, is_remembered=True)
+    recording = read(raw, "mine.csv", mapping=wrong, remember=True)
     assert contradictions(recording)
-    assert recall(opened(raw, "mine.csv").names) is None
+    assert kept_mapping(opened(raw, "mine.csv").names) is None
 
 
 def test_several_runs_in_one_table_without_a_column_of_time() -> None:
