@@ -14,8 +14,9 @@ from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
 from accpinn.recordings.consistency import GapJumps, Inconsistency
+from accpinn.recordings.draft import Proposal
 from accpinn.recordings.mapping import CsvMapping, MappingRemembered, keep_mapping, kept_mapping
-from accpinn.recordings.proposal import Proposal, proposed
+from accpinn.recordings.proposal import proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
 

@@ -17,6 +17,7 @@ from accpinn.findings import Finding
 from accpinn.recordings import Recording, clocks
 from accpinn.recordings.clocks import FRAME
 from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.draft import Choice, Proposal, roles_of
 from accpinn.recordings.files import contradictions
 from accpinn.recordings.mapping import (
     LONGEST_SHIFT,
@@ -33,7 +34,6 @@ from accpinn.recordings.mapping import (
     write_mapping,
 )
 from accpinn.recordings.names import ColumnName
-from accpinn.recordings.proposal import Choice, Proposal, roles_of
 from accpinn.recordings.source import excerpt
 from accpinn.results.figures.recording import beginning
 from accpinn.results.figures.style import CLEAR, vehicle_colour

@@ -9,9 +9,9 @@ from msgspec.structs import replace as changed
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import Recording
 from accpinn.recordings.clocks import FRAME
+from accpinn.recordings.draft import Proposal, roles_of
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import CsvMapping, GapColumn
-from accpinn.recordings.proposal import Proposal, roles_of
 
 
 @dataclass(eq=False)
