@@ -920,7 +920,13 @@ def _jumps(pair: Pair, slope: float, ahead: Seconds, behind: Seconds) -> GapJump
 
 
 def _copied(pair: Pair) -> ColumnsCopied | None:
-    """Whether two channels that vary hold the same numbers, whatever unit they were read in."""
+    """Whether two channels hold the same numbers, whatever unit they were read in.
+
+    Both vary, and so does the gap: equal speeds agree with one that is constant.
+    """
+    gap = pair.gap[np.isfinite(pair.gap)]
+    if len(gap) < AGREEMENT_MINIMUM or gap.std() < VARYING:
+        return None
     channels = (
         (SPEED.of(pair.vehicle), pair.ahead),
         (SPEED.of(pair.vehicle + 1), pair.behind),
