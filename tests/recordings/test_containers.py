@@ -282,6 +282,7 @@ def test_a_parquet_column_of_lists_is_refused_by_name() -> None:
         (b"<html><body>no</body></html>", "web page"),
         (b'<?xml version="1.0"?><routes/>', "XML"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "file",
 )
 def test_a_broken_or_foreign_file_is_refused_by_its_cause(raw: bytes, named: str) -> None:
     assert named in refused(raw)
