@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.display import Displayed
+from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.recordings.consistency import GapJumps, Pair, inconsistencies
 from accpinn.recordings.mapping import CsvMapping
@@ -245,10 +246,28 @@ class Recording(Displayed):
     """How the table was read; None for an OpenACC run, a table of pairs and arrays."""
 
     def __post_init__(self) -> None:
-        """Copy the arrays and lock them."""
-        for name in ("time", "speed", "gap"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+        """Copy the arrays and lock them.
+
+        Raises:
+            RecordingError: where their shapes do not fit, or the time does not increase.
+        """
+        try:
+            for name in ("time", "speed", "gap"):
+                object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+        except (TypeError, ValueError, OverflowError):
+            raise RecordingError("Recording: an array holds no numbers; give numbers.") from None
+        samples, vehicles = self.speed.shape if self.speed.ndim == 2 else (0, 0)
+        shapes = {"time": (samples,), "speed": (samples, vehicles),
+                  "gap": (samples, vehicles - 1), "mode": (samples, vehicles)}  # fmt: skip
+        for name, shape in shapes.items():
+            now = getattr(self, name).shape
+            if now != shape or samples < 2 or vehicles < 2:
+                fault = f"{name} has the shape {now}"
+                wanted = "N instants, (N, V) speeds and modes, (N, V-1) gaps of V vehicles"
+                raise RecordingError(f"Recording: {fault}; give {wanted}.")
+        if not (np.diff(self.time) > 0).all():
+            raise RecordingError("Recording: time does not increase; sort the samples.")
 
     __str__ = summary
 

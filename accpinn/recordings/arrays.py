@@ -2,9 +2,10 @@
 
 import hashlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
@@ -15,9 +16,6 @@ from accpinn.recordings.sampling import merged, recording_of
 from accpinn.recordings.source import excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES
 from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SOURCE = "arrays"
 """File name of a recording that comes from none."""
@@ -44,6 +42,15 @@ def from_arrays(
 
     Raises:
         RecordingError: one sentence of argument, fault and cure.
+
+    Examples:
+        >>> import accpinn, numpy as np
+        >>> time = np.arange(0, 60, 0.1)
+        >>> speeds = 20 + np.sin(0.3 * time[:, None] - [0.0, 0.4])
+        >>> gaps = 30 + 0.1 * np.cumsum(speeds[:, 0] - speeds[:, 1])
+        >>> mine = accpinn.from_arrays(time, speeds, gaps, ["Audi A8", "Audi A6"])
+        >>> mine.duration, mine.label(2), mine.findings
+        (59.9, '2 Audi A6', ())
     """
     factors = _factors(units)
     speed = _array("speeds", speeds, factors[1], SPEED)
@@ -82,7 +89,7 @@ def from_arrays(
 
 
 def from_frame(
-    frame: "pd.DataFrame",
+    frame: pd.DataFrame,
     *,
     time: str,
     speeds: Sequence[str],
@@ -102,6 +109,13 @@ def from_frame(
 
     Raises:
         RecordingError: one sentence of argument, fault and cure.
+
+    Examples:
+        >>> import accpinn, pandas as pd
+        >>> frame = pd.read_csv(accpinn.sample_path("paper_study"), skiprows=5)
+        >>> mine = accpinn.from_frame(frame, time="Time", speeds=["Speed1", "Speed2"], gaps="IVS1")
+        >>> mine.samples, mine.label(2)
+        (3001, '2 Speed2')
     """
     columns = getattr(frame, "columns", None)
     if columns is None:

@@ -59,6 +59,12 @@ def read(
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.read(accpinn.sample_path("motorway"))
+        >>> recording.duration, [vehicle.name for vehicle in recording.vehicles][:2]
+        (600.0, ['Synthetic(Van)', 'Synthetic(Hatchback)'])
     """
     file = opened(source, name, mapping)
     if not remember:

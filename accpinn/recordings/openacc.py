@@ -54,7 +54,14 @@ class Run:
 
 @cache
 def catalogue() -> tuple[Run, ...]:
-    """All runs, by campaign and name; part10 follows part9."""
+    """All runs, by campaign and name; part10 follows part9.
+
+    Examples:
+        >>> import accpinn
+        >>> run = accpinn.catalogue()[0]
+        >>> run.campaign, run.file
+        ('AstaZero', 'ASta_040719_platoon3.csv')
+    """
     rows = packaged_rows("recordings", "catalogue.csv")
     runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
     return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))

@@ -91,6 +91,12 @@ def cut(
     Raises:
         IncompleteWindow: where they are missing and may not be.
         SegmentError: one sentence of what is wrong and what would be possible.
+
+    Examples:
+        >>> import accpinn
+        >>> segment = accpinn.cut(accpinn.sample("motorway"), start=60, duration=120)
+        >>> segment.samples, segment.vehicles
+        (1201, (1, 2, 3, 4))
     """
     chosen = (
         default_vehicles(recording) if vehicles is None else check_vehicles(recording, vehicles)

@@ -64,8 +64,6 @@ def test_a_document_prints_what_it_says(
     assert len(found) == pieces
     assert document != "README.md" or len((ROOT / document).read_text().splitlines()) <= 120
     for code, expected in found:
-        if "from_arrays" in code and not hasattr(accpinn, "from_arrays"):
-            continue
         if command := re.match(r"accpinn (.*)", code):
             assert main(command[1].split()) == 0
             assert same(capsys.readouterr().out.splitlines()[0], expected.strip())

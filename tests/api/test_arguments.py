@@ -18,8 +18,8 @@ from accpinn.model.registry import FOLLOWING
 from accpinn.study import batch as batch_room
 from tests.support.studies import row, rows
 
-OTHERS = {"download", "catalogue", "from_arrays", "from_frame"}
-"""Functions that read foreign files, which have tests of their own."""
+OTHERS = {"download", "catalogue"}
+"""Functions that need the network, or no argument."""
 
 
 @cache
@@ -62,6 +62,24 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "evaluate": {"segments": segment(), "estimate": result().estimate},
         "exclude_regimes": {"segment": segment(), "regimes": regimes, "names": "standstill"},
         "fit": asked,
+        "from_arrays": {
+            "time": segment().time,
+            "speeds": segment().speeds,
+            "gaps": segment().gaps,
+        },
+        "from_frame": {
+            "frame": pd.DataFrame(
+                {
+                    "t": segment().time,
+                    "a": segment().speeds[:, 0],
+                    "b": segment().speeds[:, 1],
+                    "p": segment().gaps[:, 0],
+                }
+            ),
+            "time": "t",
+            "speeds": ["a", "b"],
+            "gaps": ["p"],
+        },
         "gap_band": {
             "segment": segment(),
             "estimate": uncertain().estimate,
@@ -183,3 +201,22 @@ def test_a_wrong_argument_ends_as_one_sentence(data: st.DataObject) -> None:
     assert "\n" not in said
     assert len(said) <= 300
     assert said == "" or said.endswith((".", '."'))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("time", np.zeros(40)), ("time", np.arange(39) * 0.1), ("speed", np.zeros(40)),
+        ("speed", np.zeros((40, 1))), ("gap", np.zeros((40, 2))), ("mode", np.zeros((40, 3))),
+        ("speed", "fast"), ("time", [None] * 40),
+    ],
+)  # fmt: skip
+def test_a_recording_of_shapes_that_do_not_fit_is_refused(name: str, value: Any) -> None:
+    arrays = {
+        "time": np.arange(40) * 0.1, "speed": np.full((40, 2), 20.0),
+        "gap": np.full((40, 1), 30.0), "mode": np.zeros((40, 2), np.int8),
+    }  # fmt: skip
+    about: dict[str, Any] = {"source": "mine", "sha256": "", "names": {}}
+    assert accpinn.Recording(**about, **arrays).duration == pytest.approx(3.9)
+    with pytest.raises(AccpinnError, match="Recording"):
+        accpinn.Recording(**about, **arrays | {name: value})

@@ -11,8 +11,8 @@ import accpinn
 from tests.support.studies import row, write_study
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
-DOCUMENTED_ELSEWHERE = {"read", "cut", "download", "catalogue", "from_arrays", "from_frame"}
-"""Functions whose examples stand in the tutorial."""
+DOCUMENTED_ELSEWHERE = {"download"}
+"""Functions whose examples need the network."""
 FUNCTIONS = {
     name: value
     for name in accpinn.__all__

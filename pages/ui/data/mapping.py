@@ -44,8 +44,6 @@ MOST_CURES = 3
 """Buttons beside a finding."""
 CHANGING = "data_map_changing"
 """The entry in Streamlit's session state that shows the fields of all columns."""
-Change = Callable[[Callable[[CsvMapping], CsvMapping]], None]
-"""Changes the mapping of the form by a function of it."""
 
 
 def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | None], None]) -> None:
