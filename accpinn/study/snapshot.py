@@ -32,6 +32,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.archives import TooManyMembers, UnpackedTooLarge, open_archive, read_member
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods.estimate import Estimate, History, Outcome, ParameterTrack, Posterior
@@ -40,7 +41,15 @@ from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment import SegmentInfo
-from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
+from accpinn.serial import (
+    MOST_ARRAYS,
+    Arrays,
+    check_numbers,
+    dump,
+    read_arrays,
+    restore,
+    sanitise,
+)
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
 from accpinn.study.judge import Judgement, ModelScore
@@ -61,6 +70,13 @@ LONGEST_NAME, LONGEST_NOTE = 200, 10_000
 MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
     "manifest.json", "result.json", "arrays.npz", "ATTRIBUTION.txt",
 )  # fmt: skip
+MEMBERS = {
+    MANIFEST: 10_000,
+    DOCUMENT: LARGEST_DOCUMENT,
+    ARRAYS: LARGEST,
+    ATTRIBUTION: 10_000,
+}
+"""The members of a snapshot, and the largest size of each, in bytes."""
 MARKS = {
     "snapshot": MANIFEST.encode(),
     "report": b"<!doctype html",
@@ -271,22 +287,22 @@ def read(data: bytes) -> Result:
     if len(data) > LARGEST:
         raise SnapshotError(f"The snapshot is larger than {LARGEST / 1e6:.0f} MB; it is refused.")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > 2 * LARGEST:
-                raise SnapshotError("The snapshot is refused: it would unpack to too much.")
-            manifest = msgspec.json.decode(archive.read(MANIFEST))
+        with open_archive(data, len(MEMBERS) + MOST_ARRAYS) as archive:  # those inside count, too
+            _check_members(archive.namelist())
+            manifest = msgspec.json.decode(read_member(archive, MANIFEST, MEMBERS[MANIFEST]))
             _check_schema(manifest)
-            document = archive.read(DOCUMENT)
-            arrays = read_arrays(archive.read(ARRAYS), LARGEST)
+            document = read_member(archive, DOCUMENT, MEMBERS[DOCUMENT])
+            packed = read_member(archive, ARRAYS, MEMBERS[ARRAYS])
+        arrays = read_arrays(packed, LARGEST)
     except SnapshotError:
         raise
+    except (UnpackedTooLarge, TooManyMembers):
+        raise SnapshotError("The snapshot is refused: it would unpack to too much.") from None
     except Exception:  # zip, JSON and array parsers raise many kinds for foreign bytes
         raise SnapshotError(
             f"This is no whole accpinn snapshot; choose a file that ends in {SUFFIX}, or get the"
             " file anew."
         ) from None
-    if len(document) > LARGEST_DOCUMENT:
-        raise SnapshotError(f"The snapshot is refused: its {DOCUMENT} is too large.")
     digest = _digest(document, arrays)
     if manifest.get("sha256") != digest:
         raise SnapshotError(
@@ -304,6 +320,19 @@ def read(data: bytes) -> Result:
         said = str(sanitise(str(fault))).rstrip(".")[:160]
         raise SnapshotError(f"The snapshot is refused: {said}.") from None
     return result
+
+
+def _check_members(names: list[str]) -> None:
+    """Refuse what is no snapshot, and one with members besides its own."""
+    missing = {MANIFEST, DOCUMENT, ARRAYS} - {*names}
+    foreign = next((name for k, name in enumerate(names) if name in names[:k]), "")
+    foreign = next((name for name in names if name not in MEMBERS), foreign)
+    if foreign and not missing:
+        raise SnapshotError(
+            f'The snapshot is refused: it holds "{str(sanitise(foreign))[:60]}", which belongs in'
+            " none; get the file anew."
+        )
+    _require(not missing, "a member is missing")
 
 
 def _check_schema(manifest: Any) -> None:
