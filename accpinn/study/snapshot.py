@@ -40,7 +40,8 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment import SegmentInfo
+from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment.cut import MAX_FOLLOWERS
 from accpinn.serial import (
     MOST_ARRAYS,
     Arrays,
@@ -66,6 +67,15 @@ MOST_COMPUTED = 100_000
 """Largest number of samples of all followers together, one each half second at most, as the
 likelihood uses them: more than an hour of ten followers. All of a snapshot is then computed within
 a minute."""
+MOST_WINDOWS, MOST_PAIRS = 200, 500
+"""Largest number of windows, and of windows times followers."""
+MOST_COMPUTED_IN_ALL = 300_000
+"""Largest number of such samples of all windows: so many pairs over 300 s."""
+MOST_DRAWS, MOST_DRAWN = 10_000, 50_000
+"""Largest number of draws of a posterior, and of draws times followers; a training makes 1,000."""
+MOST_PARTS = 50
+"""Largest number of results compared, of blocks held out and of judgements, each."""
+MOST_FINDINGS = 1_000
 LONGEST_NAME, LONGEST_NOTE = 200, 10_000
 MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
     "manifest.json", "result.json", "arrays.npz", "ATTRIBUTION.txt",
@@ -145,6 +155,12 @@ def to_bytes(result: Result) -> bytes:
     Raises:
         SnapshotError: for a result that is too large.
     """
+    try:
+        _check_counts(result)
+    except ValueError as fault:
+        raise SnapshotError(
+            f"The snapshot would be too large: {fault}; take fewer windows or vehicles."
+        ) from None
     rows = tuple(replace(row, segments=(), recording=None) for row in result.compared)
     tree, arrays = dump(replace(result, compared=rows, recording=None, digest=""))
     document = msgspec.json.encode(tree)
@@ -364,6 +380,7 @@ def _check(result: Result) -> None:
     counts = {len(asked.windows), len(result.infos), len(result.segments)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(result.recording is None, "it holds a recording")
+    _check_counts(result)
     for text, most in ((result.name, LONGEST_NAME), (result.note, LONGEST_NOTE)):
         _require(len(text) <= most, "its name or note is too long")
     for info, segment in zip(result.infos, result.segments, strict=True):
@@ -371,8 +388,7 @@ def _check(result: Result) -> None:
         _require(info.vehicles == asked.vehicles, "its vehicles are not those asked for")
         _check_times(segment.time)
         _require(segment.info == info, "its data are not the window that it was learned from")
-        samples = info.followers * info.samples // stride_of(segment)
-        _require(samples <= MOST_COMPUTED, "its data are longer than can be computed anew")
+        _require(_samples(segment) <= MOST_COMPUTED, "a window is longer than can be computed anew")
     _check_estimate(result.estimate, result)
     for block in result.blocks:
         _check_shapes(block, result.info)
@@ -382,6 +398,36 @@ def _check(result: Result) -> None:
         _require(row.infos == result.infos, "its results are of other windows")
         _require(not row.compared, "its results are nested too deep")
         _check(row)
+
+
+def _samples(segment: Segment) -> int:
+    """Samples of all followers that are computed with."""
+    return segment.info.followers * segment.info.samples // stride_of(segment)
+
+
+def _check_counts(result: Result) -> None:
+    """Refuse more of anything than can be shown and computed anew.
+
+    Raises:
+        ValueError: with what is too many.
+    """
+    posterior, followers = result.estimate.posterior, result.info.followers
+    drawn = (posterior.typical, posterior.further) if posterior else ()
+    windows, draws = len(result.infos), max((len(sets.everything) for sets in drawn), default=0)
+    findings = [result.estimate.findings, *(info.findings for info in result.infos)]
+    samples = sum(map(_samples, result.segments))
+    parts = max(map(len, (result.compared, result.blocks, result.judgements)))
+    for count, most, things in (
+        (followers, MAX_FOLLOWERS, "followers"),
+        (windows, MOST_WINDOWS, "windows"),
+        (windows * followers, MOST_PAIRS, "windows of single followers"),
+        (samples, MOST_COMPUTED_IN_ALL, "samples at 2 Hz"),
+        (draws, MOST_DRAWS, "draws"),
+        (draws * followers, MOST_DRAWN, "draws of all followers"),
+        (parts, MOST_PARTS, "results beside the first"),
+        (sum(map(len, findings)), MOST_FINDINGS, "findings"),
+    ):
+        _require(count <= most, f"it has {count:,} {things}, and {most:,} are the most")
 
 
 def _check_info(info: SegmentInfo) -> None:
@@ -438,6 +484,8 @@ def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
     known = len(judged.info.vehicles) == 2 and {*judged.info.vehicles} <= {*info.vehicles}
     _require(known, "a judgement is of other vehicles")
     _require(judged.windows != () and judged.scores != (), "a judgement is empty")
+    is_short = len(judged.windows) <= MOST_WINDOWS and len(judged.scores) <= len(FOLLOWING)
+    _require(is_short, "a judgement has too many windows or models")
     for score in judged.scores:
         _require(score.key in FOLLOWING, f'the model "{score.key[:40]}" is not known')
         shape = len(score.model.parameters), len(judged.windows)

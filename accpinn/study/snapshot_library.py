@@ -35,14 +35,16 @@ class Library(Shelf):
         self.cap_count = cap_count
 
     def add(self, content: Result | bytes, owner: str = "") -> str:
-        """Keep a snapshot, or the bytes of one once they are known to be whole; its short name.
+        """Keep a snapshot; its short name.
 
-        The owner is a digest of who saves it; one that is there already stays whose it was.
+        Of the bytes of a file is kept what was read, written anew: a file that others made is like
+        one of this program. The owner is a digest of who saves it; one that is there already stays
+        whose it was.
 
         Raises:
             SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
         """
-        data = content if isinstance(content, bytes) else to_bytes(content)
+        data = to_bytes(load(content) if isinstance(content, bytes) else content)
         result = load(data)
         name, path = result.id, self.path(result.id)
         with suppress(SnapshotError):  # a damaged one is mended

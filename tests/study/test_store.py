@@ -17,10 +17,22 @@ from accpinn.errors import SnapshotError
 from accpinn.methods.pinn.config import preset
 from accpinn.study import Analysis
 from accpinn.study.result import Result
+from accpinn.study.snapshot import ATTRIBUTION
 from accpinn.study.snapshot_library import RESTORABLE, Library
 from accpinn.study.store import INDEX, SESSION_KEPT, Entry, Store
 from tests.support.driving import driven
-from tests.support.snapshots import asked_of, bits, numbered, small, small_bytes, two_windows, whole
+from tests.support.snapshots import (
+    asked_of,
+    bits,
+    members,
+    numbered,
+    resealed,
+    small,
+    small_bytes,
+    two_windows,
+    whole,
+    zipped,
+)
 
 TRAINING = asked_of(driven(), "pinn", preset("paper", iterations=10))
 
@@ -234,6 +246,17 @@ class TestLibrary:
         assert again.owner(name) == "ann"
         assert bits(replace(again.read(name), digest="")) == bits(small())
         assert same(again.readable("SMALL"), (entry,))
+
+    @pytest.mark.parametrize("about", ["attribution", "document"])
+    def test_what_is_imported_is_written_anew(self, library: Library, about: str) -> None:
+        foreign = zipped(members(small_bytes()) | {ATTRIBUTION: b"foreign: measured by Eve"})
+        if about == "document":
+            foreign = resealed(lambda tree, _: tree.update(foreign="and unknown"))
+        name = library.add(foreign, owner="eve")
+        kept = members(library.raw(name))
+        assert kept == members(small_bytes()), "as this program writes it"
+        with pytest.raises(SnapshotError, match="run.exe"):
+            library.add(zipped(members(small_bytes()) | {"run.exe": b"x"}))
 
     @pytest.mark.parametrize(
         "name", ["", "../secret", "a/b", "ABCDEF0123456789", "0123456789abcdef\n", "0" * 15]
