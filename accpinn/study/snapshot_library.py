@@ -12,11 +12,22 @@ from pathlib import Path
 from accpinn.errors import SnapshotError
 from accpinn.storage import UNFINISHED, folder, reported, variable
 from accpinn.study.result import Result
-from accpinn.study.snapshot import load, to_bytes, write_file
-from accpinn.study.store import ABANDONED, DELETED, Entry, Shelf, state_of, unknown
+from accpinn.study.snapshot import SUFFIX, load, to_bytes, write_file
+from accpinn.study.store import (
+    ABANDONED,
+    DELETED,
+    Entry,
+    Shelf,
+    owner_path,
+    state_of,
+    unknown,
+    write_owner,
+)
 from accpinn.units import Seconds
 
 RESTORABLE: Seconds = 24 * 3600.0
+UNDONE = 20
+"""Snapshots deleted last, which can be brought back for longer."""
 LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
 """Caps on the library; a result of 300 s takes about 0.5 MB."""
 
@@ -56,14 +67,15 @@ class Library(Shelf):
             self.folder.mkdir(parents=True, exist_ok=True)
         self._sweep()
         self._check_room(len(data))
+        with reported(lambda reason: SnapshotError(sentence.format(self.folder, reason, place))):
+            if not path.exists():  # whose an equal one was that was deleted counts no more
+                owner_path(path).unlink(missing_ok=True)
+            write_owner(path, owner)
         write_file(data, path, "snapshot")
-        with self.index() as index:
-            self._enter(index, Entry.of(name, result), state_of(path), owner)
+        with suppress(OSError):
+            state, entry = state_of(path), Entry.of(name, result)
+            self._transact(lambda index: self._enter(index, entry, state))
         return name
-
-    def owner(self, name: str) -> str:
-        """A digest of who saved a snapshot; empty where that is not known."""
-        return self._ask("select owner from entries where name = ?", name) or ""
 
     def readable(self, words: str = "") -> tuple[Entry, ...]:
         """The snapshots that can be read, the newest first."""
@@ -108,12 +120,21 @@ class Library(Shelf):
         os.replace(deleted, path)
 
     def _sweep(self) -> None:
-        """Remove what was deleted long ago, and what killed processes have left behind."""
-        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
-            for path in self.folder.glob(f"*{ending}"):
-                with suppress(OSError):  # another process swept it just now
-                    if time.time() - path.stat().st_mtime > kept:
+        """Remove what was deleted long ago, and what killed processes have left behind.
+
+        What was deleted last stays in any case: a clock that is wrong ends no undo.
+        """
+        for ending, kept, most in ((UNFINISHED, ABANDONED, 0), (DELETED, RESTORABLE, UNDONE)):
+            times: list[tuple[float, Path]] = []
+            with suppress(OSError):  # another process swept it just now
+                times = [(path.stat().st_mtime, path) for path in self.folder.glob(f"*{ending}")]
+            for changed, path in sorted(times)[: len(times) - most]:
+                with suppress(OSError):
+                    if time.time() - changed > kept:
                         path.unlink()
+                        snapshot = path.with_suffix(Path(SUFFIX).suffix)
+                        if not snapshot.exists():
+                            owner_path(snapshot).unlink(missing_ok=True)
 
     def _check_room(self, size: int) -> None:
         sizes = []

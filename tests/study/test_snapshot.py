@@ -275,7 +275,9 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     ),
     "one such array": lambda: with_arrays(foreign=np.zeros(3)),
     "240,000 draws": lambda: resealed(
-        lambda _, arrays: arrays.update({name: np.resize(arrays[name], (240_000, 1, 6)) for name in DRAWS}),
+        lambda _, arrays: arrays.update(
+            {name: np.resize(arrays[name], (240_000, 1, 6)) for name in DRAWS}
+        ),
         to_bytes(two_windows()),
     ),
     "too many bytes": lambda: SEALED + bytes(LARGEST),
