@@ -116,7 +116,7 @@ class Workspace:
     def nbytes(self) -> int:
         """Memory that its recordings take, and an upload that cannot be read yet, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
-        return known + (self.pending.content.nbytes if self.pending else 0)
+        return known + (self.pending.nbytes if self.pending else 0)
 
     @property
     def spec(self) -> ModelSpec:
