@@ -460,8 +460,9 @@ def read_columns(
             parts[name].append(block)
         for name, column in texts.items():
             meanings = spelled[name]
-            for word in {*cells[positions[name]]} - meanings.keys():
-                meanings[word] = _word(word)
+            for word in {*cells[positions[name]]}:
+                if word not in meanings:
+                    meanings[word] = _word(word)
             column.extend(map(meanings.__getitem__, cells[positions[name]]))
     columns = {name: np.concatenate(blocks) for name, blocks in parts.items()}
     return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
