@@ -299,11 +299,10 @@ def _rows(
     """
     import pandas as pd  # half a second, which wide tables do not need
 
-    runs, run_names = _numbered(columns.words[mapping.trajectory] if mapping.trajectory else [])
-    leaders = columns.words[by.leader] if by.leader else []
-    ids, id_names = _numbered(["", *columns.words[by.vehicle], *leaders])
-    nobody, vehicles = ids[0], ids[1 : len(columns) + 1]
-    _require_few(columns, runs, vehicles)
+    run_words = columns.words[mapping.trajectory] if mapping.trajectory else [""] * len(columns)
+    _require_few(columns, run_words, columns.words[by.vehicle])
+    run_names, id_names = (_plain_names(words) for words in (run_words, columns.words[by.vehicle]))
+    runs, vehicles = _numbers(run_words, run_names), _numbers(columns.words[by.vehicle], id_names)
     at, stamps = _stamps(columns, mapping)
     speed, gap = mapping.speeds[0], mapping.gaps[0]
     missing = np.flatnonzero(np.isnan(stamps))
@@ -315,7 +314,7 @@ def _rows(
     position = by.position or (gap.column if gap.minus else "")
     frame = pd.DataFrame({
         "row": columns.rows,
-        "run": runs if mapping.trajectory else 0,
+        "run": runs,
         "vehicle": vehicles,
         "time": stamps,
         "speed": _channel(columns, SPEED, speed.column, SPEED_UNITS[speed.unit], speed.reversed),
@@ -326,13 +325,14 @@ def _rows(
     backward = frame.groupby(["run", "vehicle"])["speed"].transform("mean") < BACKWARD
     frame.loc[backward, ["speed", "position"]] *= -1.0
     if by.leader:
-        frame["leader"] = ids[len(columns) + 1 :]
+        frame["leader"] = _numbers(columns.words[by.leader], id_names)
     else:
-        frame["lane"] = _numbered(columns.words[by.lane])[0]
+        lanes = columns.words[by.lane]
+        frame["lane"] = _numbers(lanes, _plain_names(lanes))
         frame = frame.sort_values(["run", "time", "lane", "position"], kind="stable")
         ahead = frame.shift(-1)
         together = (frame[["run", "time", "lane"]] == ahead[["run", "time", "lane"]]).all(axis=1)
-        frame["leader"] = ahead["vehicle"].where(together, nobody).astype(np.int64)
+        frame["leader"] = ahead["vehicle"].where(together, -1).astype(np.int64)
     keys = ["run", "vehicle", "time"]
     frame = frame.drop_duplicates(keys)
     others = frame[["run", "vehicle", "time", "speed", "position", "length"]]
@@ -353,27 +353,30 @@ def _rows(
         if len(wrong):
             name = speed.column if column == "speed" else gap.column
             columns.sized(quantity, wrong[column].to_numpy()[:1], name, wrong["row"].iloc[0])
-    return frame.sort_values(keys, kind="stable"), (run_names or [""], id_names)
+    return frame.sort_values(keys, kind="stable"), (run_names, id_names)
 
 
-def _numbered(words: Sequence[str]) -> tuple[NDArray[np.int64], list[str]]:
-    """Numbers of words, and the words in order, as which alone numbers are quick to sort.
+def _plain_names(words: Sequence[str]) -> list[str]:
+    """The different words in order, without the fraction that some programs write behind them."""
+    return sorted({word.removesuffix(".0") for word in {*words}})
 
-    Words lose the fraction that some programs write behind whole numbers.
-    """
-    plain = {word: word.removesuffix(".0") for word in set(words)}
-    names = sorted(set(plain.values()))
+
+def _numbers(words: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
+    """(N,) places of words among names, by which they are quick to sort; -1 for another word."""
     place = {name: k for k, name in enumerate(names)}
-    numbers = {word: place[name] for word, name in plain.items()}
-    return np.fromiter((numbers[word] for word in words), np.int64, len(words)), names
+    numbers = {word: place.get(word.removesuffix(".0"), -1) for word in {*words}}
+    return np.fromiter((numbers[word] for word in words), np.int64, len(words))
 
 
-def _require_few(columns: Columns, runs: NDArray[np.int64], vehicles: NDArray[np.int64]) -> None:
-    """Refuse more vehicles than a table has, before much is done for each of them."""
-    each = vehicles + (vehicles.max() + 1) * runs if len(runs) else vehicles
-    count = len(np.unique(each))
+def _require_few(columns: Columns, runs: Sequence[str], vehicles: Sequence[str]) -> None:
+    """Refuse more vehicles of all runs than a table has, before much is done for each of them."""
+    count = max(len({*vehicles}), len({*runs}))
+    if count <= MOST_VEHICLES:
+        count = len({*zip(runs, vehicles, strict=True)})
     if count > MOST_VEHICLES:
-        fault = f"its {len(each):,} rows name {count:,} vehicles, and {MOST_VEHICLES:,} are read"
+        fault = (
+            f"its {len(vehicles):,} rows name {count:,} vehicles, and {MOST_VEHICLES:,} are read"
+        )
         cure = "choose the column that names vehicles, or split the file"
         raise columns.source_file.refusal(fault, cure)
 
