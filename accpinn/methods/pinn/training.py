@@ -65,8 +65,8 @@ _PER_PAIR = {False: (210, 40), True: (240, 110)}
 mask; measured."""
 _PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
 """Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured. Larger
-networks take more, as the neurons of all layers do: twice as many for six layers, four times as many
-for 200 neurons."""
+networks take more, as the neurons of all layers do: twice as much for six layers, four times as
+much for 200 neurons."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 TORCH_ABSENT = (ImportError, OSError)
