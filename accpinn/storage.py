@@ -62,8 +62,9 @@ def is_text(path: str | os.PathLike[str]) -> bool:
 
 
 def printable(path: str | os.PathLike[str]) -> str:
-    """A path as text, with a mark in place of each byte that is none."""
-    return os.fspath(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    """A path as text on one line, with a mark in place of all that is neither letter nor sign."""
+    text = os.fspath(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
 
 
 def packaged_rows(room: str, name: str) -> Iterator[dict[str, str]]:

@@ -253,10 +253,13 @@ def listing_of(sources: Sources, study: Path | None = None) -> Listing:
         elif path.exists():
             files[path] = None
         else:
-            raise RecordingError(f"{path}: there is no such file or folder; check its name.")
+            raise RecordingError(
+                f"{printable(path)}: there is no such file or folder; check its name."
+            )
     if not files:
         first = next(((printable(path), why) for path, why in refused.items()), None)
-        where, why = first or (listed[0] if listed else "No source", "no CSV file is there")
+        source = printable(listed[0]) if listed else "No source"
+        where, why = first or (source, "no CSV file is there")
         raise RecordingError(f"{where}: {why}.")
     return Listing(list(files), refused)
 

@@ -15,7 +15,7 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
 from accpinn.segment.suggestion import Information
-from accpinn.storage import folder, variable
+from accpinn.storage import folder, is_text, printable, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
 from accpinn.study.plan import car_following
@@ -126,9 +126,14 @@ def listed() -> list[Path]:
     """The CSV files in the server's folder; none where there is no folder."""
     root = recordings_folder()
     paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
-    # A link that leads out of the folder is left out.
-    inside = (path for path in paths if path.resolve().is_relative_to(root))
-    return list(inside)
+    # A link that leads out of the folder is left out, and a name that is no text: see `misnamed`.
+    return [path for path in paths if is_text(path) and path.resolve().is_relative_to(root)]
+
+
+def misnamed() -> list[str]:
+    """Names of files in the server's folder that are no text, which no browser can be sent."""
+    paths = recordings_folder().rglob("*.[cC][sS][vV]")
+    return sorted(printable(path.name) for path in paths if not is_text(path))
 
 
 # What follows for a recording that is open, computed once
