@@ -162,11 +162,14 @@ def _array(content: bytes) -> NDArray[Any]:
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
     }[version]
-    shape, _, kind = read_header(file)
+    shape, is_transposed, kind = read_header(file)
     if kind.hasobject or prod(shape) * kind.itemsize != len(content) - file.tell():
         raise ValueError("an array is not as large as it says")
-    file.seek(0)
-    return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+    values: NDArray[Any] = np.empty(shape, kind, "F" if is_transposed else "C")
+    if values.size:
+        flat = np.frombuffer(content, kind, offset=file.tell())
+        values[...] = flat.reshape(shape, order="F" if is_transposed else "C")
+    return values
 
 
 _UNSEEN = re.compile(
