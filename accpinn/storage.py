@@ -9,13 +9,16 @@ reader, or a process that is killed, sees the old file or the new one and never 
 
 import csv
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Any, Literal
 
 from platformdirs import user_cache_path, user_data_path
+
+from accpinn.errors import ConfigError
 
 UNFINISHED = ".part"
 """Ending of a file that is being written; a killed process leaves it behind."""
@@ -29,11 +32,39 @@ def variable(name: FolderName) -> str:
 
 
 def folder(name: FolderName) -> Path:
-    """The folder that the environment names, or else one among the user's; it need not exist."""
+    """The folder that the environment names, or else one among the user's; it need not exist.
+
+    Raises:
+        ConfigError: where neither is known, as for a user without a home.
+    """
     named = os.environ.get(variable(name))
     if named:
         return Path(named)
-    return user_cache_path("accpinn") if name == "cache" else user_data_path("accpinn") / name
+    try:
+        path = user_cache_path("accpinn") if name == "cache" else user_data_path("accpinn") / name
+        if path.is_absolute():  # else "~" is left in it
+            return path
+    except (RuntimeError, KeyError):
+        pass
+    raise ConfigError(
+        f"The folder of {name} is not known, as this user has no home folder; name it in"
+        f" {variable(name)}, or set HOME."
+    )
+
+
+def is_text(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is text: names of files may be any bytes, which no document or table holds."""
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def printable(path: str | os.PathLike[str]) -> str:
+    """A path as text on one line, with a mark in place of all that is neither letter nor sign."""
+    text = os.fspath(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
 
 
 def packaged_rows(room: str, name: str) -> Iterator[dict[str, str]]:
@@ -78,6 +109,17 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file in one step; see `written_whole`."""
     with written_whole(path) as file:
         file.write(content)
+
+
+_EVALUATED = re.compile(r"\s*[=@+\-\t\r\n]")
+_NUMBER = re.compile(r"[+-]?[\d.e]+")
+
+
+def csv_cell(cell: Any) -> Any:
+    """A cell of a CSV file that leaves: a text that a spreadsheet would evaluate is quoted."""
+    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
+        return f"'{cell}"
+    return cell
 
 
 def reason_of(fault: BaseException) -> str:

@@ -1,13 +1,14 @@
 """Folders by environment variable, and files that are written whole or not at all."""
 
 import os
+import sys
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
-from accpinn.errors import RecordingError
-from accpinn.storage import FolderName, folder, reason_of, reported, write_whole
+from accpinn.errors import ConfigError, RecordingError
+from accpinn.storage import FolderName, csv_cell, folder, reason_of, reported, write_whole
 
 
 @pytest.mark.parametrize("name", get_args(FolderName))
@@ -19,6 +20,22 @@ def test_a_folder_is_named_by_the_environment_or_among_the_users_files(
     monkeypatch.delenv(f"ACCPINN_{name.upper()}")
     assert folder(name).is_absolute()
     assert folder(name).name == ("accpinn" if name == "cache" else name)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there the system knows the folder")
+def test_a_user_without_a_home_is_told_what_to_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOME", "ACCPINN_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)  # the user's number has no entry
+    with pytest.raises(ConfigError, match="ACCPINN_CACHE"):
+        folder("cache")
+
+
+@pytest.mark.parametrize("cell", ["=1+1", "@a", " =1+1", "\n=1", "-x"])
+def test_no_cell_is_a_formula(cell: str) -> None:
+    assert csv_cell(cell) == f"'{cell}"
+    for harmless in ("-1.5", "Tesla", -1.5, None):
+        assert csv_cell(harmless) is harmless
 
 
 class TestWriteWhole:

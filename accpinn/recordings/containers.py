@@ -16,14 +16,14 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
+from accpinn import archives
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 
 if TYPE_CHECKING:
-    import gzip
     import zipfile
 
 LIMIT_BYTES = 100_000_000
@@ -104,14 +104,6 @@ def _table(raw: bytes, refused: Refusal) -> Contents:
 # Archives and encodings
 
 
-def _read(stream: IO[bytes] | "gzip.GzipFile", refused: Refusal, used: int = 0) -> bytes:
-    """All bytes of a stream, of which those before have ``used`` some of the limit."""
-    content = stream.read(LIMIT_BYTES - used + 1)
-    if used + len(content) > LIMIT_BYTES:
-        raise _too_large(refused)
-    return content
-
-
 def _too_large(refused: Refusal) -> RecordingError:
     fault = f"unpacked, the file has more than {LIMIT_BYTES / 1e6:.1f} MB, which is the limit"
     return refused(fault, "split it, or choose a single run")
@@ -122,9 +114,12 @@ def _gunzipped(raw: bytes, refused: Refusal) -> bytes:
 
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(raw)) as stream:
-            return _read(stream, refused)
+            content = stream.read(LIMIT_BYTES + 1)
     except (OSError, EOFError, zlib.error):
         raise refused("the gzip archive is damaged or cut short", _AGAIN) from None
+    if len(content) > LIMIT_BYTES:
+        raise _too_large(refused)
+    return content
 
 
 def _utf16(raw: bytes, refused: Refusal) -> bytes:
@@ -135,31 +130,27 @@ def _utf16(raw: bytes, refused: Refusal) -> bytes:
 
 
 def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
-    import zipfile
-
     try:
-        archive = zipfile.ZipFile(io.BytesIO(raw))
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        raise refused("the zip archive or Excel workbook is damaged or cut short", _AGAIN) from None
-    if len(archive.infolist()) > LIMIT_MEMBERS:
+        return archives.open_archive(raw, LIMIT_MEMBERS)
+    except archives.TooManyMembers:
         fault = f"the zip archive has more than {LIMIT_MEMBERS} files"
-        raise refused(fault, "unpack it, and choose one CSV file")
-    return archive
+        raise refused(fault, "unpack it, and choose one CSV file") from None
+    except (*archives.DAMAGED, NotImplementedError):
+        raise refused("the zip archive or Excel workbook is damaged or cut short", _AGAIN) from None
 
 
 def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int = 0) -> bytes:
-    """A file of an archive, whatever size the archive's directory gives it."""
-    import zipfile
-
+    """A file of an archive, which with those before may unpack to the limit."""
     try:
-        with archive.open(name) as stream:
-            return _read(stream, refused, used)
-    except RuntimeError as fault:
-        if isinstance(fault, NotImplementedError):
-            cure = "pack it as ordinary zip, or unpack it"
-            raise refused("the zip archive is compressed in an unusual way", cure) from None
+        return archives.read_member(archive, name, LIMIT_BYTES - used)
+    except archives.UnpackedTooLarge:
+        raise _too_large(refused) from None
+    except (archives.UnusualCompression, NotImplementedError):
+        cure = "pack it as ordinary zip, or unpack it"
+        raise refused("the zip archive is compressed in an unusual way", cure) from None
+    except RuntimeError:
         raise refused("the zip archive is locked by a password", "unpack it first") from None
-    except (zipfile.BadZipFile, OSError, EOFError, ValueError, KeyError, zlib.error):
+    except archives.DAMAGED:
         raise refused("the zip archive or Excel workbook is damaged or cut short", _AGAIN) from None
 
 

@@ -178,6 +178,12 @@ class File:
         return ()
 
     @property
+    def nbytes(self) -> int:
+        """Memory that the file and its runs take, in bytes, as far as they were read."""
+        runs: tuple[TableRun, ...] = self.__dict__.get("runs", ())  # reading takes it
+        return self.content.nbytes + sum({id(r.columns): r.columns.nbytes for r in runs}.values())
+
+    @property
     def trajectories(self) -> tuple[tuple[str, int], ...]:
         """The runs among which a choice has to be made: names for `read`, numbers of vehicles."""
         several = self.runs if len(self.runs) > 1 else ()

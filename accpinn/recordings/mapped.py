@@ -28,6 +28,7 @@ from accpinn.recordings.sampling import merged, recording_of, shifted, without_l
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import (
     MINIMUM_SAMPLES,
+    MOST_RUNS,
     Columns,
     Layout,
     TableRun,
@@ -39,8 +40,12 @@ from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Seconds
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_RUNS = 5_000
-"""Runs that a table may hold; a column that tells more apart tells something else."""
+MOST_VEHICLES = 20_000
+"""Vehicles of all runs of a table of one row a vehicle and instant."""
+MOST_STRETCHES = 20_000
+"""Stretches of time in which they follow another."""
+MOST_MET = 1_000_000
+"""Pairs of such stretches that have a vehicle in common."""
 SHARED: Seconds = 10.0
 """Least time that a vehicle and the two ahead of it and behind it have in common in a platoon."""
 BACKWARD = -0.5
@@ -83,6 +88,7 @@ def runs_of(
         TableRun(
             () if trajectory is None else (trajectory,),
             len(mapping.speeds),
+            columns,
             partial(_wide, columns, mapping, rows, trajectory, notes),
         )
         for trajectory, rows in runs.items()
@@ -244,13 +250,13 @@ def _platoons(
     columns: Columns, mapping: CsvMapping, by: ByVehicle, notes: tuple[Finding, ...]
 ) -> tuple[TableRun, ...]:
     """The platoons of a table of one row a vehicle and instant."""
-    frame = _rows(columns, mapping, by)
-    stretches = list(_stretches(frame))
+    frame, names = _rows(columns, mapping, by)
+    stretches = list(_stretches(columns, frame, *names))
     if not stretches:
         fault = f"no vehicle has another one ahead for {MINIMUM_SAMPLES} rows"
         cure = "check the columns of vehicle, vehicle ahead and time in the mapping"
         raise columns.source_file.refusal(fault, cure)
-    behind = _linked(stretches)
+    behind = _linked(columns.source_file, stretches)
     followers = set(behind.values())
     chains: list[list[_Following]] = []
     for first in range(len(stretches)):
@@ -262,15 +268,16 @@ def _platoons(
     if len(chains) > MOST_RUNS:
         fault = f"it holds {len(chains):,} platoons, and at most {MOST_RUNS:,} are read"
         raise columns.source_file.refusal(fault, "split the file")
-    names = _platoon_names(chains)
+    platoon_names = _platoon_names(chains)
     is_only = len(chains) == 1
     return tuple(
         TableRun(
             chain_names,
             len(chain) + 1,
+            columns,
             partial(_long, columns, mapping, chain, None if is_only else chain_names[0], notes),
         )
-        for chain, chain_names in zip(chains, names, strict=True)
+        for chain, chain_names in zip(chains, platoon_names, strict=True)
     )
 
 
@@ -290,10 +297,19 @@ def _platoon_names(chains: Sequence[Sequence[_Following]]) -> list[tuple[str, ..
     return names
 
 
-def _rows(columns: Columns, mapping: CsvMapping, by: ByVehicle) -> "pd.DataFrame":
-    """The rows in order of run, vehicle and time, each with speed and gap to the vehicle ahead."""
+def _rows(
+    columns: Columns, mapping: CsvMapping, by: ByVehicle
+) -> "tuple[pd.DataFrame, tuple[list[str], list[str]]]":
+    """The rows in order of run, vehicle and time, each with speed and gap to the vehicle ahead.
+
+    Runs and vehicles are numbers, in the order of their names; these are the other two.
+    """
     import pandas as pd  # half a second, which wide tables do not need
 
+    run_words = columns.words[mapping.trajectory] if mapping.trajectory else [""] * len(columns)
+    _require_few(columns, run_words, columns.words[by.vehicle])
+    run_names, id_names = (_plain_names(words) for words in (run_words, columns.words[by.vehicle]))
+    runs, vehicles = _numbers(run_words, run_names), _numbers(columns.words[by.vehicle], id_names)
     at, stamps = _stamps(columns, mapping)
     speed, gap = mapping.speeds[0], mapping.gaps[0]
     missing = np.flatnonzero(np.isnan(stamps))
@@ -305,8 +321,8 @@ def _rows(columns: Columns, mapping: CsvMapping, by: ByVehicle) -> "pd.DataFrame
     position = by.position or (gap.column if gap.minus else "")
     frame = pd.DataFrame({
         "row": columns.rows,
-        "run": columns.words[mapping.trajectory] if mapping.trajectory else "",
-        "vehicle": _identifiers(columns.words[by.vehicle]),
+        "run": runs,
+        "vehicle": vehicles,
         "time": stamps,
         "speed": _channel(columns, SPEED, speed.column, SPEED_UNITS[speed.unit], speed.reversed),
         "position": columns.numbers[position] * factor if position else np.nan,
@@ -316,13 +332,14 @@ def _rows(columns: Columns, mapping: CsvMapping, by: ByVehicle) -> "pd.DataFrame
     backward = frame.groupby(["run", "vehicle"])["speed"].transform("mean") < BACKWARD
     frame.loc[backward, ["speed", "position"]] *= -1.0
     if by.leader:
-        frame["leader"] = _identifiers(columns.words[by.leader])
+        frame["leader"] = _numbers(columns.words[by.leader], id_names)
     else:
-        frame["lane"] = columns.words[by.lane]
+        lanes = columns.words[by.lane]
+        frame["lane"] = _numbers(lanes, _plain_names(lanes))
         frame = frame.sort_values(["run", "time", "lane", "position"], kind="stable")
         ahead = frame.shift(-1)
         together = (frame[["run", "time", "lane"]] == ahead[["run", "time", "lane"]]).all(axis=1)
-        frame["leader"] = ahead["vehicle"].where(together, "")
+        frame["leader"] = ahead["vehicle"].where(together, -1).astype(np.int64)
     keys = ["run", "vehicle", "time"]
     frame = frame.drop_duplicates(keys)
     others = frame[["run", "vehicle", "time", "speed", "position", "length"]]
@@ -343,16 +360,37 @@ def _rows(columns: Columns, mapping: CsvMapping, by: ByVehicle) -> "pd.DataFrame
         if len(wrong):
             name = speed.column if column == "speed" else gap.column
             columns.sized(quantity, wrong[column].to_numpy()[:1], name, wrong["row"].iloc[0])
-    return frame.sort_values(keys, kind="stable")
+    return frame.sort_values(keys, kind="stable"), (run_names, id_names)
 
 
-def _identifiers(words: Sequence[str]) -> list[str]:
-    """Identifiers without the fraction that some programs write behind whole numbers."""
-    plain = {word: word.removesuffix(".0") for word in set(words)}
-    return [plain[word] for word in words]
+def _plain_names(words: Sequence[str]) -> list[str]:
+    """The different words in order, without the fraction that some programs write behind them."""
+    return sorted({word.removesuffix(".0") for word in {*words}})
 
 
-def _stretches(frame: "pd.DataFrame") -> Iterator[_Following]:
+def _numbers(words: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
+    """(N,) places of words among names, by which they are quick to sort; -1 for another word."""
+    place = {name: k for k, name in enumerate(names)}
+    numbers = {word: place.get(word.removesuffix(".0"), -1) for word in {*words}}
+    return np.fromiter((numbers[word] for word in words), np.int64, len(words))
+
+
+def _require_few(columns: Columns, runs: Sequence[str], vehicles: Sequence[str]) -> None:
+    """Refuse more vehicles of all runs than a table has, before much is done for each of them."""
+    count = max(len({*vehicles}), len({*runs}))
+    if count <= MOST_VEHICLES:
+        count = len({*zip(runs, vehicles, strict=True)})
+    if count > MOST_VEHICLES:
+        fault = (
+            f"its {len(vehicles):,} rows name {count:,} vehicles, and {MOST_VEHICLES:,} are read"
+        )
+        cure = "choose the column that names vehicles, or split the file"
+        raise columns.source_file.refusal(fault, cure)
+
+
+def _stretches(
+    columns: Columns, frame: "pd.DataFrame", runs: Sequence[str], ids: Sequence[str]
+) -> Iterator[_Following]:
     """Each vehicle's stretches of time with one and the same vehicle ahead, without long pauses."""
     frame = frame[frame["has_leader"]]
     if not len(frame):
@@ -363,20 +401,32 @@ def _stretches(frame: "pd.DataFrame") -> Iterator[_Following]:
     steps = frame["time"].diff()
     typical = float(steps[same].median())
     begins = ~same | (steps > max(SHARED, 3 * typical))
-    for _, rows in frame.groupby(begins.cumsum(), sort=False):
-        if len(rows) >= MINIMUM_SAMPLES:
-            first = rows.iloc[0]
-            yield _Following(
-                first["run"], first["leader"], first["vehicle"],
-                *(rows[name].to_numpy(float) for name in ("time", "speed_ahead", "speed", "gap")),
-            )  # fmt: skip
+    firsts = np.flatnonzero(begins.to_numpy())
+    ends = np.append(firsts[1:], len(frame))
+    long = ends - firsts >= MINIMUM_SAMPLES
+    if long.sum() > MOST_STRETCHES:
+        fault = f"its vehicles follow another one in {long.sum():,} stretches of time"
+        cure = f"split the file, as at most {MOST_STRETCHES:,} are read"
+        raise columns.source_file.refusal(fault, cure)
+    names = {name: frame[name].to_numpy() for name in ("run", "leader", "vehicle")}
+    series = [frame[name].to_numpy(float) for name in ("time", "speed_ahead", "speed", "gap")]
+    for first, end in zip(firsts[long].tolist(), ends[long].tolist(), strict=True):
+        run, leader, vehicle = (int(numbers[first]) for numbers in names.values())
+        own = (values[first:end].copy() for values in series)  # the rest of the table may go
+        yield _Following(runs[run], ids[leader], ids[vehicle], *own)
 
 
-def _linked(stretches: Sequence[_Following]) -> dict[int, int]:
+def _linked(source_file: SourceFile, stretches: Sequence[_Following]) -> dict[int, int]:
     """By stretch ahead the one behind, whose leader is its follower for the longest time."""
     by_leader: dict[tuple[str, str], list[int]] = {}
     for k, stretch in enumerate(stretches):
         by_leader.setdefault((stretch.run, stretch.leader), []).append(k)
+    met = sum(len(by_leader.get((stretch.run, stretch.follower), ())) for stretch in stretches)
+    if met > MOST_MET:
+        fault = (
+            f"its {len(stretches):,} stretches of time have few vehicles, which meet {met:,} times"
+        )
+        raise source_file.refusal(fault, "split the file, or name the column that tells runs apart")
     matches = []
     for k, stretch in enumerate(stretches):
         for other in by_leader.get((stretch.run, stretch.follower), []):

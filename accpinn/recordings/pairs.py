@@ -22,7 +22,14 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.sampling import recording_of
 from accpinn.recordings.source import SourceFile, excerpt
-from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
+from accpinn.recordings.tables import (
+    MINIMUM_SAMPLES,
+    MOST_RUNS,
+    Columns,
+    Layout,
+    TableRun,
+    read_columns,
+)
 from accpinn.units import FloatArray, MetresPerSecond, nanmean
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
@@ -44,9 +51,9 @@ OVERLAP = 100
 SEVERAL = 1000
 """Stretches of rows that a table may have in any case; more are to have as many samples as a
 recording each."""
-MOST_COMPARED = 10_000
-"""Speeds of two trajectories that may be the same vehicle's, in one table; each takes half a
-millisecond."""
+MOST_COMPARED, MOST_SAMPLES_COMPARED = 10_000, 80_000_000
+"""Speeds of two trajectories that may be the same vehicle's, in one table, and their samples; all
+take some seconds."""
 DATA_SETS = (*OPENACC_SETS, "Vanderbilt", "CATS", "MicroSimACC", "Ohio", "Waymo", "Argoverse")
 """Campaigns and data sets that a file's name may begin with, behind "step1_" or the like."""
 
@@ -82,6 +89,7 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
         TableRun(
             tuple(_identifier(pair, TRAJECTORY) for pair in chain),
             len(chain) + 1,
+            chain[0],
             partial(_recording, chain, begins, is_only),
         )
         for chain, begins in platoons
@@ -96,7 +104,7 @@ def _pairs(columns: Columns) -> list[Columns]:
     names = list(zip(*(map(_plain, columns.words[word]) for word in WORDS), strict=True))
     # A name that comes again after other rows is another stretch of rows out of order.
     starts = [0, *(row for row in range(1, len(names)) if names[row] != names[row - 1])]
-    if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
+    if len(starts) > min(MOST_RUNS, max(SEVERAL, len(names) / MINIMUM_SAMPLES)):
         fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
     pairs: dict[tuple[str, ...], Columns] = {}
@@ -129,14 +137,18 @@ def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple
         by_leader.setdefault(_identifier(pair, LEADER), []).append(k)
     behind_each = [by_leader.get(_identifier(pair, FOLLOWER), []) for pair in pairs]
     met = sum(map(len, behind_each))
-    if met > MOST_COMPARED:
+    samples = sum(
+        len(pair) * len(others) + sum(len(pairs[other]) for other in others)
+        for pair, others in zip(pairs, behind_each, strict=True) if met <= MOST_COMPARED
+    )  # fmt: skip
+    if met > MOST_COMPARED or samples > MOST_SAMPLES_COMPARED:
         fault = f"its {len(pairs):,} trajectories have so few vehicles that {met:,} may be one's"
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
     matches = []
     for k, others in enumerate(behind_each):
-        speed = pairs[k].numbers[FOLLOWER_SPEED]
+        speed = _Following(pairs[k].numbers[FOLLOWER_SPEED])
         for other in others:
-            if other != k and (shared := _shared(speed, pairs[other].numbers[LEADER_SPEED])):
+            if other != k and (shared := speed.shared(pairs[other].numbers[LEADER_SPEED])):
                 matches.append((-shared[0], k, other, shared[1]))
     links: dict[int, tuple[int, int]] = {}
     followers: set[int] = set()
@@ -155,44 +167,65 @@ def _last(links: Mapping[int, tuple[int, int]], pair: int) -> int:
     return pair
 
 
-def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | None:
-    """Match two records of a vehicle's speed in time.
+class _Following:
+    """The speed of the follower of one pair, to be found again as that of a leader of others."""
 
-    Args:
-        following: (N,) speed in m/s of the follower of one pair.
-        leading: (K,) speed in m/s of the leader of another.
+    def __init__(self, speed: FloatArray) -> None:
+        """(N,) speed in m/s."""
+        self._speed = speed
+        self._is_whole = not np.isnan(speed).any()
+        self._is_possible = not (np.abs(speed) > SPEED.possible).any()
+        self._centre = float(speed.mean()) if self._is_whole else np.nan
+        self._transforms: dict[int, NDArray[np.complex128]] = {}
 
-    Returns:
-        The number of samples in common, and the sample of ``following`` at which ``leading``
-        begins; None where they are not the same vehicle's.
-    """
-    most = min(len(following), len(leading))
-    speeds = (following, leading)
-    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in speeds):
-        return None
-    if _difference(following[:most], leading[:most]) <= SAME:
-        return most, 0
-    if any(np.isnan(speed).any() for speed in speeds):
-        return None
-    from scipy.signal import fftconvolve  # takes a second to import, which few need
+    def shared(self, leading: FloatArray) -> tuple[int, int] | None:
+        """Match it in time with another record of a vehicle's speed.
 
-    centre = following.mean()
-    a, b = following - centre, leading - centre
-    shifts = np.arange(-(len(b) - 1), len(a))
-    squares = (
-        fftconvolve(a**2, np.ones(len(b))) + fftconvolve(np.ones(len(a)), b[::-1] ** 2)
-        - 2.0 * fftconvolve(a, b[::-1])
-    )  # fmt: skip
-    counts = np.minimum(len(a), shifts + len(b)) - np.maximum(0, shifts)
-    means = np.where(counts >= OVERLAP, squares / np.maximum(counts, 1), np.inf)
-    at = int(means.argmin())
-    shift, count = int(shifts[at]), int(counts[at])
-    if count < OVERLAP:
-        return None
-    first = following[max(0, shift) : max(0, shift) + count]
-    second = leading[max(0, -shift) : max(0, -shift) + count]
-    is_same = float(first.std()) >= VARIES and _difference(first, second) <= SAME
-    return (count, shift) if is_same else None
+        Args:
+            leading: (K,) speed in m/s of the leader of another pair.
+
+        Returns:
+            The number of samples in common, and the sample of this speed at which ``leading``
+            begins; None where they are not the same vehicle's.
+        """
+        following = self._speed
+        most = min(len(following), len(leading))
+        if most < OVERLAP or not self._is_possible or (np.abs(leading) > SPEED.possible).any():
+            return None
+        if _difference(following[:most], leading[:most]) <= SAME:
+            return most, 0
+        if not self._is_whole or np.isnan(leading).any():
+            return None
+        shift, count = self._likely_shift(leading - self._centre)
+        if count < OVERLAP:
+            return None
+        first = following[max(0, shift) : max(0, shift) + count]
+        second = leading[max(0, -shift) : max(0, -shift) + count]
+        is_same = float(first.std()) >= VARIES and _difference(first, second) <= SAME
+        return (count, shift) if is_same else None
+
+    def _likely_shift(self, b: FloatArray) -> tuple[int, int]:
+        """Where ``b`` (K,) differs least from this speed a, both about its mean, and for how long.
+
+        Σ (a - b)² = Σ a² + Σ b² - 2 Σ a b over the samples in common at each shift; the products
+        are a convolution, the squares sums that run.
+        """
+        from scipy import fft  # takes a while to import, which few need
+
+        a = self._speed - self._centre
+        shifts = np.arange(-(len(b) - 1), len(a))
+        size = fft.next_fast_len(len(a) + len(b) - 1, real=True)
+        if size not in self._transforms:
+            self._transforms = {size: fft.rfft(a, size)}  # others have mostly the same length
+        products = fft.irfft(self._transforms[size] * fft.rfft(b[::-1], size), size)[: len(shifts)]
+        from_a, to_a = np.clip(shifts, 0, None), np.minimum(len(a), shifts + len(b))
+        sums_a, sums_b = (np.append(0.0, np.cumsum(values**2)) for values in (a, b))
+        squares = sums_a[to_a] - sums_a[from_a] - 2.0 * products
+        squares += sums_b[to_a - shifts] - sums_b[from_a - shifts]
+        counts = to_a - from_a
+        means = np.where(counts >= OVERLAP, squares / np.maximum(counts, 1), np.inf)
+        at = int(means.argmin())
+        return int(shifts[at]), int(counts[at])
 
 
 def _difference(first: FloatArray, second: FloatArray) -> float:

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import os
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +31,7 @@ _SIGNATURES = (
     (b"%PDF", "a PDF document", _CHOOSE_CSV),
 )
 _CONTROL = bytes(code for code in range(32) if code not in b"\t\n\r")
+_FIRST_CONTROL = re.compile(b"[" + re.escape(_CONTROL) + b"]")
 
 
 @dataclass(frozen=True)
@@ -157,8 +159,8 @@ def _require_text(source_file: SourceFile) -> None:
         raise source_file.refusal("this is a web page or XML, not a CSV file", cure)
     if b"\0" in text[:1000]:
         raise source_file.refusal("this is binary data", _CHOOSE_CSV)
-    if len(text.translate(None, _CONTROL)) != len(text):
-        position = next(i for i, code in enumerate(text) if code in _CONTROL)
+    if control := _FIRST_CONTROL.search(text):
+        position = control.start()
         broken = "NUL bytes instead of text, as after a broken download"
         fault = "control characters, as in binary data" if text[position] else broken
         place = f"row {len(text[: position + 1].splitlines())}"

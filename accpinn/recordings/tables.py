@@ -14,7 +14,9 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
+from sys import getsizeof
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +43,8 @@ LONGEST_NAME = 60
 """Characters of a column's name in a sentence."""
 MINIMUM_SAMPLES = 10
 """Least number of rows of a recording."""
+MOST_RUNS = 10_000
+"""Runs that a table may hold; a column that tells more apart tells something else."""
 LISTED = 12
 """Runs that a sentence names."""
 UNIT_WORDS = frozenset((
@@ -339,6 +343,13 @@ class Columns:
         """The number of rows, N."""
         return len(self.rows)
 
+    @cached_property
+    def nbytes(self) -> int:
+        """Memory that the rows take, in bytes, each different text counted once."""
+        texts = (text for column in self.words.values() for text in {*column})
+        lists = sum(map(getsizeof, self.words.values())) + sum(map(getsizeof, texts))
+        return self.rows.nbytes + sum(v.nbytes for v in self.numbers.values()) + lists
+
     def __getitem__(self, part: slice | NDArray[np.int64]) -> "Columns":
         """Some of the rows."""
         numbers = {name: values[part] for name, values in self.numbers.items()}
@@ -463,6 +474,7 @@ def read_columns(
     positions = {name: _position(source_file, layout, name) for name in (*numbers, *words)}
     parts: dict[str, list[FloatArray]] = {name: [] for name in numbers}
     texts: dict[str, list[str]] = {name: [] for name in words}
+    spelled: dict[str, dict[str, str]] = {name: {} for name in words}  # each text is held once
     for first, rows in _blocks(source_file, layout):
         cells = [*zip(*rows, strict=True)]  # by column
         values = {name: _numbers(cells[positions[name]], layout) for name in parts}
@@ -473,11 +485,14 @@ def read_columns(
             block[np.isinf(block)] = np.nan  # "inf" is a word for a missing value
             parts[name].append(block)
         for name, column in texts.items():
-            different = set(cells[positions[name]])
+            different = {*cells[positions[name]]}
             if len(different) > len(rows) / 2:  # as instants
                 column.extend(_words(cells[positions[name]]))
                 continue
-            meanings = {word: _word(word) for word in different}
+            meanings = spelled[name]
+            for word in different:
+                if word not in meanings:
+                    meanings[word] = _word(word)
             column.extend(map(meanings.__getitem__, cells[positions[name]]))
     columns = {name: np.concatenate(blocks) for name, blocks in parts.items()}
     return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
@@ -673,6 +688,8 @@ class TableRun:
     trajectories: tuple[str, ...]
     """The names that choose it; none where the table holds one run without a name."""
     vehicles: int
+    columns: Columns
+    """Rows of the table, from which it is made; all runs of a table may have the same."""
     read: Callable[[], Recording]
     """Makes the recording; raises a RecordingError about the first row that is wrong."""
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from math import isnan
+from typing import TYPE_CHECKING
 
 from accpinn.findings import joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
@@ -11,11 +12,15 @@ from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.description import EXTRAPOLATED, Value
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.results.tables.estimates import cell_of, columns_of, gap_column
+from accpinn.storage import csv_cell
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
 from accpinn.units import Quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TYPICAL = (
     "Typical values rest on every window's posterior: first over the windows of a vehicle, then"
@@ -183,6 +188,16 @@ def spread_table(grouped: Groups) -> Table:
             cells = [_scaled(spread, factor) if spread else None for spread in known]
             columns.append((replace(scaled, group=title, key=""), cells))
     return Table.of(f"Standard deviations, with {100 * grouped.level:g} % intervals", columns)
+
+
+def guarded(rows: "pd.DataFrame") -> "pd.DataFrame":
+    """Rows of a study without texts that a spreadsheet evaluates, as they are saved as CSV."""
+    changed = {}
+    for name, column in rows.select_dtypes(exclude=["number", "bool"]).items():
+        formulas = {text: csv_cell(text) for text in column.unique() if csv_cell(text) is not text}
+        if formulas:  # which no honest study has
+            changed[str(name)] = [formulas.get(text, text) for text in column]
+    return rows.assign(**changed) if changed else rows
 
 
 def _heads(grouped: Groups) -> list[Filled]:

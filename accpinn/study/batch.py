@@ -13,7 +13,6 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -37,10 +36,9 @@ from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import is_known
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
-from accpinn.storage import reported
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, files_of, left_out, plan
+from accpinn.study.plan import LEAST, Listing, Sources, left_out, listing_of, plan
 from accpinn.study.result import result_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
@@ -177,9 +175,9 @@ def run_request(
     script: Script | None = None,
 ) -> BatchProgress:
     """Do what is missing of a request; see `batch`. The script registers its model in workers."""
-    files = files_of(request.sources, study)
+    listing = listing_of(request.sources, study)
     with written(study, request) as opened_study:
-        work = _Batch(opened_study, request, files, on_progress or (lambda _: None), script)
+        work = _Batch(opened_study, request, listing, on_progress or (lambda _: None), script)
         return work.run(should_stop or (lambda: False))
 
 
@@ -261,12 +259,13 @@ class _Batch:
         self,
         study: Study,
         request: Request,
-        files: list[Path],
+        listing: Listing,
         on_progress: Callable[[BatchProgress], None],
         script: Script | None = None,
     ) -> None:
         self._script = script
-        self._study, self._request, self._files = study, request, files
+        self._study, self._request, self._files = study, request, listing.files
+        files, self._left_out = listing.files, listing.refused
         self._digests: dict[str, Path] = {}
         """The files so far, by the SHA-256 of their bytes."""
         self._on_progress, self._now = on_progress, BatchProgress(len(files))
@@ -279,6 +278,9 @@ class _Batch:
 
     def run(self, should_stop: Callable[[], bool]) -> BatchProgress:
         """Do all jobs; workers are started for the first one that is left to do."""
+        for path, reason in self._left_out.items():
+            self._study.refuse(path, [reason])
+            self._now.refused += 1
         self._tell()
         jobs = self._jobs()
         first = next(jobs, None)
@@ -352,10 +354,8 @@ class _Batch:
         Raises:
             AccpinnError: where nothing of it can be used.
         """
-        with reported(lambda reason: RecordingError(f"it cannot be opened ({reason})")):
-            raw = file.read_bytes()
-        mapping = opened(raw, file.name, self._request.mapping).supported_mapping
-        digest = sha256(raw).hexdigest()
+        content = opened(file, mapping=self._request.mapping)
+        mapping, digest = content.supported_mapping, content.content.sha256()
         earlier = self._digests.setdefault(digest, file)
         if earlier != file:
             raise RecordingError(f"its contents are those of {earlier.name}")

@@ -54,6 +54,7 @@ from accpinn.segment.cut import (
     complete_windows,
     longest_in,
 )
+from accpinn.storage import is_text, printable, reason_of
 from accpinn.study import vehicles_of
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
@@ -73,6 +74,7 @@ AUTO = "auto"
 """The value of ``windows`` that asks for all windows in car-following."""
 ACC_FLAG = 1
 ENDINGS = (".csv", ".txt", ".tsv", ".gz", ".xlsx", ".parquet", ".xml")
+NO_TEXT = "its name is no UTF-8 text; rename it"
 Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 """Files and folders of recordings."""
 
@@ -214,8 +216,23 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
     return PlannedWindow(tuple(vehicles), window, sources)
 
 
+@dataclass(frozen=True)
+class Listing:
+    """What a batch finds among its sources."""
+
+    files: list[Path]
+    """Each once, those of a folder in the order of their names."""
+    refused: dict[Path, str]
+    """Why a file or folder is left out."""
+
+
 def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
-    """The files of a batch: each once, those of a folder in the order of their names.
+    """The files of a batch; see `listing_of`."""
+    return listing_of(sources, study).files
+
+
+def listing_of(sources: Sources, study: Path | None = None) -> Listing:
+    """The files of a batch, and what is left out of its folders.
 
     The study's folder may lie among them, and does not count.
 
@@ -225,19 +242,47 @@ def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
     listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
     results = study.resolve() if study else None
     files: dict[Path, None] = {}
+    refused: dict[Path, str] = {}
     for source in listed:
         path = Path(source)
+        if not is_text(path):
+            raise RecordingError(f"{printable(path)}: {NO_TEXT}.")
         if path.is_dir():
-            inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
-            runs = (p for p in inside if not _is_note(p) and results not in p.resolve().parents)
-            files |= dict.fromkeys(sorted(runs))
+            inside = _files_below(path, refused)
+            files |= dict.fromkeys(f for f in inside if results not in f.resolve().parents)
         elif path.exists():
             files[path] = None
         else:
-            raise RecordingError(f"{path}: there is no such file or folder; check its name.")
+            raise RecordingError(
+                f"{printable(path)}: there is no such file or folder; check its name."
+            )
     if not files:
-        raise RecordingError(f"{listed[0] if listed else 'No source'}: no CSV file is there.")
-    return list(files)
+        first = next(((printable(path), why) for path, why in refused.items()), None)
+        source = printable(listed[0]) if listed else "No source"
+        where, why = first or (source, "no CSV file is there")
+        raise RecordingError(f"{where}: {why}.")
+    return Listing(list(files), refused)
+
+
+def _files_below(folder: Path, refused: dict[Path, str]) -> list[Path]:
+    """The files of recordings in a folder and below; what is left out is added to ``refused``."""
+
+    def unread(fault: OSError) -> None:
+        reason = reason_of(fault).lower()
+        refused[Path(fault.filename)] = f"it cannot be read ({reason}); check who may read it"
+
+    files, root = [], folder.resolve()
+    for place, _, names in os.walk(folder, onerror=unread):
+        for path in (Path(place, name) for name in names):
+            if path.suffix.lower() not in ENDINGS or _is_note(path) or not path.is_file():
+                continue
+            if not is_text(path):
+                refused[path] = NO_TEXT
+            elif path.is_symlink() and not path.resolve().is_relative_to(root):
+                refused[path] = "it is a link out of the folder; name the file itself"
+            else:
+                files.append(path)
+    return sorted(files)
 
 
 def _is_note(path: Path) -> bool:

@@ -32,6 +32,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.archives import TooManyMembers, UnpackedTooLarge, open_archive, read_member
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods.estimate import Estimate, History, Outcome, ParameterTrack, Posterior
@@ -39,8 +40,17 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment import SegmentInfo
-from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
+from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment.cut import MAX_FOLLOWERS
+from accpinn.serial import (
+    MOST_ARRAYS,
+    Arrays,
+    check_numbers,
+    dump,
+    read_arrays,
+    restore,
+    sanitise,
+)
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
 from accpinn.study.judge import Judgement, ModelScore
@@ -57,10 +67,26 @@ MOST_COMPUTED = 100_000
 """Largest number of samples of all followers together, one each half second at most, as the
 likelihood uses them: more than an hour of ten followers. All of a snapshot is then computed within
 a minute."""
+MOST_WINDOWS, MOST_PAIRS = 200, 500
+"""Largest number of windows, and of windows times followers."""
+MOST_COMPUTED_IN_ALL = 300_000
+"""Largest number of such samples of all windows: so many pairs over 300 s."""
+MOST_DRAWS, MOST_DRAWN = 10_000, 50_000
+"""Largest number of draws of a posterior, and of draws times followers; a training makes 1,000."""
+MOST_PARTS = 50
+"""Largest number of results compared, of blocks held out and of judgements, each."""
+MOST_FINDINGS = 1_000
 LONGEST_NAME, LONGEST_NOTE = 200, 10_000
 MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
     "manifest.json", "result.json", "arrays.npz", "ATTRIBUTION.txt",
 )  # fmt: skip
+MEMBERS = {
+    MANIFEST: 10_000,
+    DOCUMENT: LARGEST_DOCUMENT,
+    ARRAYS: LARGEST,
+    ATTRIBUTION: 10_000,
+}
+"""The members of a snapshot, and the largest size of each, in bytes."""
 MARKS = {
     "snapshot": MANIFEST.encode(),
     "report": b"<!doctype html",
@@ -129,6 +155,12 @@ def to_bytes(result: Result) -> bytes:
     Raises:
         SnapshotError: for a result that is too large.
     """
+    try:
+        _check_counts(result)
+    except ValueError as fault:
+        raise SnapshotError(
+            f"The snapshot would be too large: {fault}; take fewer windows or vehicles."
+        ) from None
     rows = tuple(replace(row, segments=(), recording=None) for row in result.compared)
     tree, arrays = dump(replace(result, compared=rows, recording=None, digest=""))
     document = msgspec.json.encode(tree)
@@ -279,22 +311,22 @@ def read(data: bytes) -> Result:
     if len(data) > LARGEST:
         raise SnapshotError(f"The snapshot is larger than {LARGEST / 1e6:.0f} MB; it is refused.")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > 2 * LARGEST:
-                raise SnapshotError("The snapshot is refused: it would unpack to too much.")
-            manifest = msgspec.json.decode(archive.read(MANIFEST))
+        with open_archive(data, len(MEMBERS) + MOST_ARRAYS) as archive:  # those inside count, too
+            _check_members(archive.namelist())
+            manifest = msgspec.json.decode(read_member(archive, MANIFEST, MEMBERS[MANIFEST]))
             _check_schema(manifest)
-            document = archive.read(DOCUMENT)
-            arrays = read_arrays(archive.read(ARRAYS), LARGEST)
+            document = read_member(archive, DOCUMENT, MEMBERS[DOCUMENT])
+            packed = read_member(archive, ARRAYS, MEMBERS[ARRAYS])
+        arrays = read_arrays(packed, LARGEST)
     except SnapshotError:
         raise
+    except (UnpackedTooLarge, TooManyMembers):
+        raise SnapshotError("The snapshot is refused: it would unpack to too much.") from None
     except Exception:  # zip, JSON and array parsers raise many kinds for foreign bytes
         raise SnapshotError(
             f"This is no whole accpinn snapshot; choose a file that ends in {SUFFIX}, or get the"
             " file anew."
         ) from None
-    if len(document) > LARGEST_DOCUMENT:
-        raise SnapshotError(f"The snapshot is refused: its {DOCUMENT} is too large.")
     digest = _digest(document, arrays)
     if manifest.get("sha256") != digest:
         raise SnapshotError(
@@ -312,6 +344,19 @@ def read(data: bytes) -> Result:
         said = str(sanitise(str(fault))).rstrip(".")[:160]
         raise SnapshotError(f"The snapshot is refused: {said}.") from None
     return result
+
+
+def _check_members(names: list[str]) -> None:
+    """Refuse what is no snapshot, and one with members besides its own."""
+    missing = {MANIFEST, DOCUMENT, ARRAYS} - {*names}
+    foreign = next((name for k, name in enumerate(names) if name in names[:k]), "")
+    foreign = next((name for name in names if name not in MEMBERS), foreign)
+    if foreign and not missing:
+        raise SnapshotError(
+            f'The snapshot is refused: it holds "{str(sanitise(foreign))[:60]}", which belongs in'
+            " none; get the file anew."
+        )
+    _require(not missing, "a member is missing")
 
 
 def _check_schema(manifest: Any) -> None:
@@ -351,6 +396,7 @@ def _check(result: Result) -> None:
     counts = {len(asked.windows), len(result.infos), len(result.segments)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(result.recording is None, "it holds a recording")
+    _check_counts(result)
     for text, most in ((result.name, LONGEST_NAME), (result.note, LONGEST_NOTE)):
         _require(len(text) <= most, "its name or note is too long")
     for info, segment in zip(result.infos, result.segments, strict=True):
@@ -358,8 +404,7 @@ def _check(result: Result) -> None:
         _require(info.vehicles == asked.vehicles, "its vehicles are not those asked for")
         _check_times(segment.time)
         _require(segment.info == info, "its data are not the window that it was learned from")
-        samples = info.followers * info.samples // stride_of(segment)
-        _require(samples <= MOST_COMPUTED, "its data are longer than can be computed anew")
+        _require(_samples(segment) <= MOST_COMPUTED, "a window is longer than can be computed anew")
     _check_estimate(result.estimate, result)
     for block in result.blocks:
         _check_shapes(block, result.info)
@@ -369,6 +414,36 @@ def _check(result: Result) -> None:
         _require(row.infos == result.infos, "its results are of other windows")
         _require(not row.compared, "its results are nested too deep")
         _check(row)
+
+
+def _samples(segment: Segment) -> int:
+    """Samples of all followers that are computed with."""
+    return segment.info.followers * segment.info.samples // stride_of(segment)
+
+
+def _check_counts(result: Result) -> None:
+    """Refuse more of anything than can be shown and computed anew.
+
+    Raises:
+        ValueError: with what is too many.
+    """
+    posterior, followers = result.estimate.posterior, result.info.followers
+    drawn = (posterior.typical, posterior.further) if posterior else ()
+    windows, draws = len(result.infos), max((len(sets.everything) for sets in drawn), default=0)
+    findings = [result.estimate.findings, *(info.findings for info in result.infos)]
+    samples = sum(map(_samples, result.segments))
+    parts = max(map(len, (result.compared, result.blocks, result.judgements)))
+    for count, most, things in (
+        (followers, MAX_FOLLOWERS, "followers"),
+        (windows, MOST_WINDOWS, "windows"),
+        (windows * followers, MOST_PAIRS, "windows of single followers"),
+        (samples, MOST_COMPUTED_IN_ALL, "samples at 2 Hz"),
+        (draws, MOST_DRAWS, "draws"),
+        (draws * followers, MOST_DRAWN, "draws of all followers"),
+        (parts, MOST_PARTS, "results beside the first"),
+        (sum(map(len, findings)), MOST_FINDINGS, "findings"),
+    ):
+        _require(count <= most, f"it has {count:,} {things}, and {most:,} are the most")
 
 
 def _check_info(info: SegmentInfo) -> None:
@@ -425,6 +500,8 @@ def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
     known = len(judged.info.vehicles) == 2 and {*judged.info.vehicles} <= {*info.vehicles}
     _require(known, "a judgement is of other vehicles")
     _require(judged.windows != () and judged.scores != (), "a judgement is empty")
+    is_short = len(judged.windows) <= MOST_WINDOWS and len(judged.scores) <= len(FOLLOWING)
+    _require(is_short, "a judgement has too many windows or models")
     for score in judged.scores:
         _require(score.key in FOLLOWING, f'the model "{score.key[:40]}" is not known')
         shape = len(score.model.parameters), len(judged.windows)

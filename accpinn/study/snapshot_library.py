@@ -13,11 +13,22 @@ from accpinn.arguments import checked_method
 from accpinn.errors import SnapshotError
 from accpinn.storage import UNFINISHED, folder, reported, variable
 from accpinn.study.result import Result
-from accpinn.study.snapshot import load, to_bytes, write_file
-from accpinn.study.store import ABANDONED, DELETED, Entry, Shelf, state_of, unknown
+from accpinn.study.snapshot import SUFFIX, load, to_bytes, write_file
+from accpinn.study.store import (
+    ABANDONED,
+    DELETED,
+    Entry,
+    Shelf,
+    owner_path,
+    state_of,
+    unknown,
+    write_owner,
+)
 from accpinn.units import Seconds
 
 RESTORABLE: Seconds = 24 * 3600.0
+UNDONE = 20
+"""Snapshots deleted last, which can be brought back for longer."""
 LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
 """Caps on the library; a result of 300 s takes about 0.5 MB."""
 
@@ -37,14 +48,16 @@ class Library(Shelf):
         self.cap_count = cap_count
 
     def add(self, content: Result | bytes, owner: str = "") -> str:
-        """Keep a snapshot, or the bytes of one once they are known to be whole; its short name.
+        """Keep a snapshot; its short name.
 
-        The owner is a digest of who saves it; one that is there already stays whose it was.
+        Of the bytes of a file is kept what was read, written anew: a file that others made is like
+        one of this program. The owner is a digest of who saves it; one that is there already stays
+        whose it was.
 
         Raises:
             SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
         """
-        data = content if isinstance(content, bytes) else to_bytes(content)
+        data = to_bytes(load(content) if isinstance(content, bytes) else content)
         result = load(data)
         name, path = result.id, self.path(result.id)
         with suppress(SnapshotError):  # a damaged one is mended
@@ -56,14 +69,15 @@ class Library(Shelf):
             self.folder.mkdir(parents=True, exist_ok=True)
         self._sweep()
         self._check_room(len(data))
+        with reported(lambda reason: SnapshotError(sentence.format(self.folder, reason, place))):
+            if not path.exists():  # whose an equal one was that was deleted counts no more
+                owner_path(path).unlink(missing_ok=True)
+            write_owner(path, owner)
         write_file(data, path, "snapshot")
-        with self.index() as index:
-            self._enter(index, Entry.of(name, result), state_of(path), owner)
+        with suppress(OSError):
+            state, entry = state_of(path), Entry.of(name, result)
+            self._transact(lambda index: self._enter(index, entry, state))
         return name
-
-    def owner(self, name: str) -> str:
-        """A digest of who saved a snapshot; empty where that is not known."""
-        return self._ask("select owner from entries where name = ?", name) or ""
 
     def readable(self, words: str = "") -> tuple[Entry, ...]:
         """The snapshots that can be read, the newest first."""
@@ -108,12 +122,21 @@ class Library(Shelf):
         os.replace(deleted, path)
 
     def _sweep(self) -> None:
-        """Remove what was deleted long ago, and what killed processes have left behind."""
-        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
-            for path in self.folder.glob(f"*{ending}"):
-                with suppress(OSError):  # another process swept it just now
-                    if time.time() - path.stat().st_mtime > kept:
+        """Remove what was deleted long ago, and what killed processes have left behind.
+
+        What was deleted last stays in any case: a clock that is wrong ends no undo.
+        """
+        for ending, kept, most in ((UNFINISHED, ABANDONED, 0), (DELETED, RESTORABLE, UNDONE)):
+            times: list[tuple[float, Path]] = []
+            with suppress(OSError):  # another process swept it just now
+                times = [(path.stat().st_mtime, path) for path in self.folder.glob(f"*{ending}")]
+            for changed, path in sorted(times)[: len(times) - most]:
+                with suppress(OSError):
+                    if time.time() - changed > kept:
                         path.unlink()
+                        snapshot = path.with_suffix(Path(SUFFIX).suffix)
+                        if not snapshot.exists():
+                            owner_path(snapshot).unlink(missing_ok=True)
 
     def _check_room(self, size: int) -> None:
         sizes = []

@@ -1,10 +1,13 @@
 """Results on disk: a shelf of files that can be searched, and the cache of results, which is one.
 
-A `Shelf` is a folder of files in the snapshot's format beside one SQLite file, made again from the
-files where it is missing. The `Store` keeps each result by its analysis' key, and drops what was
-not used for the longest time once it exceeds its cap; it also holds the checkpoints of trainings,
-and what each session of the app shows.
-The library of snapshots is the other shelf (`snapshot_library.py`).
+A `Shelf` is a folder of files in the snapshot's format, beside each of which stands whose it is,
+and one SQLite file, made again from the files where it is missing. A fault that passes (a full
+disk, no more file descriptors, another process that writes) costs the index nothing: only a file
+that is damaged is set aside, under another name.
+
+The `Store` keeps each result by its analysis' key, and drops what was not used for the longest time
+once it exceeds its cap; it also holds the checkpoints of trainings, and what each session of the
+app shows. The library of snapshots is the other shelf (`snapshot_library.py`).
 """
 
 import io
@@ -12,12 +15,14 @@ import os
 import re
 import sqlite3
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -34,8 +39,13 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import SCHEMA, SUFFIX, read, read_file, to_bytes
 from accpinn.units import MetresPerSecond, Quantity, Seconds
 
-INDEX = f"index{SCHEMA}.sqlite"
-"""Another index is made from the files with every schema of theirs."""
+INDEX = "index.sqlite"
+FORMER = "index[0-9]*.sqlite"
+"""Names of indices of earlier versions, whose sessions and owners are taken over."""
+SET_ASIDE = ".damaged"
+"""Ending of an index that is damaged."""
+OWNER = ".owner"
+"""Ending of the file beside another that says whose it is."""
 STATE = ".state.npz"
 DELETED = ".deleted"
 """Ending of a file that can still be brought back."""
@@ -46,16 +56,19 @@ CACHE_BYTES = 500_000_000
 PATIENCE: Seconds = 10.0
 """Longest wait for another process that writes the index."""
 SESSION_KEPT: Seconds = 30 * 24 * 3600.0
-"""Sessions that nobody used for so long are forgotten."""
+"""Sessions that nobody used for so long are forgotten, .."""
+SESSIONS_KEPT = 5_000
+"""except for so many that were used last, so that a wrong clock forgets none of them."""
 
 TABLES = """
-create table if not exists entries (name text primary key, state text, entry blob, owner text);
+create table if not exists entries (name text primary key, state text, entry blob);
 create table if not exists sessions (name text primary key, used real, document blob);
 create table if not exists shown
     (session text, name text, at real, primary key (session, name));
 """
 _ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
 
+T = TypeVar("T")
 Say = Callable[[str], object]
 """Takes a sentence for the user: what was set aside, or could not be read or written."""
 
@@ -163,26 +176,34 @@ class Shelf:
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
         """The results whose entries have all these words, the newest first, damaged ones last."""
-        paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
-        entries: dict[str, Entry] = {}
-        with self.index() as index:
-            if session:
-                shown = index.execute("select name from shown where session = ?", (session,))
-                paths = {name: paths[name] for (name,) in shown if name in paths}
-            rows = index.execute("select name, state, entry from entries").fetchall()
-            known = {name: (state, entry) for name, state, entry in rows}
-            for name, path in paths.items():
-                with suppress(OSError):  # deleted by another process just now
-                    state = state_of(path)
-                    then, content = known.get(name, ("", b""))
-                    entry = _decoded(content) if then == state else None
-                    entries[name] = entry or self._indexed(index, name, state)
-            for name in () if session else known.keys() - paths.keys():
-                if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
-                    index.execute("delete from entries where name = ?", (name,))
+        try:
+            paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
+        except OSError:  # as without file descriptors; what the index knows may still be there
+            return ()
         asked = words.casefold().split()
-        chosen = [entry for entry in entries.values() if all(word in entry.words for word in asked)]
+        entries = self._transact(partial(self._entries, paths, session)) or ()
+        chosen = [entry for entry in entries if all(word in entry.words for word in asked)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
+
+    def _entries(
+        self, paths: dict[str, Path], session: str, index: sqlite3.Connection
+    ) -> tuple[Entry, ...]:
+        """The entries of files, those that a session has shown; of new files they are made."""
+        entries: dict[str, Entry] = {}
+        if session:
+            shown = index.execute("select name from shown where session = ?", (session,))
+            paths = {name: paths[name] for (name,) in shown if name in paths}
+        rows = index.execute("select name, state, entry from entries").fetchall()
+        known = {name: (state, entry) for name, state, entry in rows}
+        for name, path in paths.items():
+            with suppress(OSError):  # deleted by another process just now
+                state = state_of(path)
+                then, content = known.get(name, ("", b""))
+                entry = _decoded(content) if then == state else None
+                entries[name] = entry or self._indexed(index, name, state)
+        for name in () if session else known.keys() - paths.keys():
+            index.execute("delete from entries where name = ?", (name,))
+        return tuple(entries.values())
 
     def _indexed(self, index: sqlite3.Connection, name: str, state: str) -> Entry:
         """Read a file, and enter it."""
@@ -193,14 +214,10 @@ class Shelf:
         self._enter(index, entry, state)
         return entry
 
-    def _enter(
-        self, index: sqlite3.Connection, entry: Entry, state: str, owner: str | None = None
-    ) -> None:
+    def _enter(self, index: sqlite3.Connection, entry: Entry, state: str) -> None:
         index.execute(
-            "insert into entries values (?, ?, ?, ?) on conflict (name) do update set"
-            " state = excluded.state, entry = excluded.entry,"
-            " owner = coalesce(excluded.owner, owner)",
-            (entry.id, state, msgspec.json.encode(dump(entry)[0]), owner),
+            "insert or replace into entries values (?, ?, ?)",
+            (entry.id, state, msgspec.json.encode(dump(entry)[0])),
         )
 
     def raw(self, name: str) -> bytes:
@@ -229,25 +246,115 @@ class Shelf:
             if _ID.fullmatch(path.name.removesuffix(SUFFIX))
         ]
 
-    @contextmanager
-    def index(self) -> Iterator[sqlite3.Connection]:
-        """The index, in one transaction; one that cannot be kept lasts for this call alone."""
+    def owner(self, name: str) -> str:
+        """A digest of who saved a result; empty where that is not known."""
+        return owner_of(self.path(name))
+
+    def _transact(self, work: Callable[[sqlite3.Connection], T]) -> T | None:
+        """What ``work`` does with the index in one transaction; None where it cannot be read.
+
+        A damaged index is set aside and made again. Where the fault is another, which may pass, the
+        index stays as it is and the work is done on an empty one, which lasts for this call alone.
+        """
         place = self.folder / INDEX
+        for _ in range(2):
+            try:
+                self._take_over(place)
+                with closing(_opened(place)) as connection, connection:
+                    return work(connection)
+            except sqlite3.DatabaseError as fault:
+                if not _is_damage(fault):
+                    break
+                _set_aside(place)
+            except OSError:
+                break
+        with suppress(sqlite3.DatabaseError, OSError):
+            with closing(_opened(None)) as connection, connection:
+                return work(connection)
+        return None
+
+    def _take_over(self, place: Path) -> None:
+        """Bring sessions and owners of earlier versions' indices into a new one.
+
+        Raises:
+            sqlite3.DatabaseError, OSError: where that is not possible now; it is tried again.
+        """
+        if place.exists() or not self.folder.is_dir():
+            return
+        former = sorted(self.folder.glob(FORMER), key=lambda path: path.stat().st_mtime)
+        if not former:
+            return
+        made = place.with_name(f".{os.urandom(8).hex()}{UNFINISHED}")
         try:
-            connection = _opened(place)
-        except sqlite3.DatabaseError:  # it is damaged, or the folder cannot be written to
-            with suppress(OSError):
-                place.unlink()
-            connection = _opened(None)
-        with closing(connection), suppress(sqlite3.OperationalError), connection:
-            yield connection
+            with closing(_opened(made)) as index:
+                for earlier in former:
+                    self._copy(index, earlier)
+                index.execute("pragma journal_mode = delete")  # so that it is one file
+            with suppress(FileExistsError):  # another process was quicker
+                os.link(made, place)
+        finally:
+            made.unlink(missing_ok=True)
+
+    def _copy(self, index: sqlite3.Connection, earlier: Path) -> None:
+        """Copy what an earlier version's index has, unless it is damaged or too old to be read."""
+        try:
+            index.execute("attach ? as former", (str(earlier),))
+            with index:
+                for table in ("sessions", "shown"):
+                    index.execute(f"insert or replace into {table} select * from former.{table}")
+            owners = "select name, owner from former.entries where owner <> ''"
+            for name, owner in index.execute(owners).fetchall():
+                write_owner(self.path(name), owner)
+        except sqlite3.DatabaseError as fault:
+            if not _is_damage(fault) and fault.sqlite_errorcode != sqlite3.SQLITE_ERROR:
+                raise
+        finally:
+            with suppress(sqlite3.OperationalError):  # it could not be attached
+                index.execute("detach former")
 
     def _ask(self, statement: str, *values: str) -> Any:
         """The first cell that the index has for a statement; None without any."""
-        row = None
-        with self.index() as index:
-            row = index.execute(statement, values).fetchone()
+        row = self._transact(lambda index: index.execute(statement, values).fetchone())
         return row[0] if row else None
+
+
+DAMAGE = frozenset((sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB))
+"""Codes of SQLite for a file that is damaged; all other faults may pass."""
+
+
+def _is_damage(fault: sqlite3.Error) -> bool:
+    return getattr(fault, "sqlite_errorcode", 0) & 0xFF in DAMAGE
+
+
+def _set_aside(place: Path) -> None:
+    """Give a damaged index another name; what stands beside it belongs to it."""
+    ending = f"{SET_ASIDE}-{os.urandom(4).hex()}"
+    for path in (place, *(place.with_name(f"{place.name}-{part}") for part in ("wal", "shm"))):
+        with suppress(OSError):
+            os.replace(path, path.with_name(f"{path.name}{ending}"))
+
+
+def owner_path(path: Path) -> Path:
+    """The file beside a file or folder that says whose that is."""
+    return path.with_name(f"{path.name}{OWNER}")
+
+
+def owner_of(path: Path) -> str:
+    """A digest of whose a file or folder is; empty where that is not known."""
+    try:
+        return owner_path(path).read_text("ascii").strip()
+    except (OSError, ValueError):
+        return ""
+
+
+def write_owner(path: Path, owner: str) -> None:
+    """Write beside a file or folder whose it is; one that has an owner keeps it.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
+    if owner and not owner_of(path):
+        write_whole(owner_path(path), owner.encode("ascii"))
 
 
 def _opened(place: Path | None) -> sqlite3.Connection:
@@ -265,9 +372,9 @@ def _opened(place: Path | None) -> sqlite3.Connection:
 
 
 def state_of(path: Path) -> str:
-    """Time and size of a file, by which the index knows that it is the one it has read."""
+    """Time and size of a file, by which the index knows that this version has read it."""
     status = path.stat()
-    return f"{status.st_mtime_ns} {status.st_size}"
+    return f"{SCHEMA} {status.st_mtime_ns} {status.st_size}"
 
 
 def _decoded(content: bytes) -> Entry | None:
@@ -327,8 +434,9 @@ class Store(Shelf):
             return
         path = self.path(key)
         if self.write(path, content, say):
-            with suppress(OSError), self.index() as index:
-                self._enter(index, Entry.of(key, bare), state_of(path))
+            with suppress(OSError):
+                state, entry = state_of(path), Entry.of(key, bare)
+                self._transact(lambda index: self._enter(index, entry, state))
 
     def checkpoints(self, analysis: Analysis, say: Say | None = None) -> "StoredCheckpoints":
         """The checkpoints of a training."""
@@ -352,16 +460,23 @@ class Store(Shelf):
         """Keep what a session of the app has open; sessions unused for long are forgotten."""
         with suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
-        with self.index() as index:
-            now = time.time()
+        now = time.time()
+        old = (
+            "(select name from (select name, used from sessions order by used desc"
+            " limit -1 offset ?) where used < ?)"
+        )
+        bounds = (SESSIONS_KEPT, now - SESSION_KEPT)
+
+        def keep(index: sqlite3.Connection) -> None:
             index.execute(
                 "insert into sessions values (?, ?, ?) on conflict (name)"
                 " do update set used = excluded.used, document = excluded.document",
                 (session, now, document),
             )
-            old = "(select name from sessions where used < ?)"
-            index.execute(f"delete from shown where session in {old}", (now - SESSION_KEPT,))
-            index.execute("delete from sessions where used < ?", (now - SESSION_KEPT,))
+            index.execute(f"delete from shown where session in {old}", bounds)
+            index.execute(f"delete from sessions where name in {old}", bounds)
+
+        self._transact(keep)
 
     def session(self, session: str) -> bytes | None:
         """What a session had open; None for one that is not known."""
@@ -370,20 +485,20 @@ class Store(Shelf):
 
     def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
         """Names of sessions that begin so, and what they have open, the last changed first."""
-        with self.index() as index:
-            return tuple(index.execute(
-                "select name, document from sessions where substr(name, 1, ?) = ?"
-                " order by used desc limit ?", (len(prefix), prefix, most),
-            ))  # fmt: skip
+        asked = (
+            "select name, document from sessions where substr(name, 1, ?) = ?"
+            " order by used desc limit ?"
+        )
+        given = (len(prefix), prefix, most)
+        return tuple(self._transact(lambda index: index.execute(asked, given).fetchall()) or ())
 
     def record_shown(self, session: str, result: Result) -> None:
         """Keep a result, and record that a session has shown it."""
         self.keep(result)
-        with self.index() as index:
-            index.execute(
-                "insert or replace into shown values (?, ?, ?)",
-                (session, result.analysis.key, time.time()),
-            )
+        values = (session, result.analysis.key, time.time())
+        self._transact(
+            lambda index: index.execute("insert or replace into shown values (?, ?, ?)", values)
+        )
 
     # Files
 
@@ -416,8 +531,10 @@ class Store(Shelf):
     def _make_room(self, keep: str) -> None:
         """Delete what was not used for the longest time until the cap holds."""
         files = []
-        for pattern in (f"*{SUFFIX}*", f"*{STATE}*", f"*{UNFINISHED}"):
-            for path in self.folder.glob(pattern):
+        with suppress(OSError):  # the folder cannot be listed just now
+            for path in chain(
+                *map(self.folder.glob, (f"*{SUFFIX}", f"*{STATE}*", f"*{UNFINISHED}"))
+            ):
                 with suppress(OSError):  # another process was quicker
                     files.append((path.stat().st_mtime, path.stat().st_size, path))
         total = sum(size for _, size, _ in files)
@@ -428,6 +545,7 @@ class Store(Shelf):
                 with suppress(OSError):
                     path.unlink()
                     total -= size
+                    owner_path(path).unlink(missing_ok=True)
 
 
 class StoredCheckpoints:

@@ -28,7 +28,15 @@ from accpinn.methods.registry import recommended_method, variant_name
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.storage import folder, reason_of, reported, write_whole, written_whole
+from accpinn.storage import (
+    csv_cell,
+    folder,
+    printable,
+    reason_of,
+    reported,
+    write_whole,
+    written_whole,
+)
 from accpinn.study import Analysis
 from accpinn.study.rows import COLUMNS
 from accpinn.units import FloatArray, Seconds
@@ -159,9 +167,10 @@ class Study:
 
     def refuse(self, path: Path, reasons: Sequence[str]) -> None:
         """Keep why a file, or recordings in it, cannot be used, in place of earlier reasons."""
-        values = [(str(path), path.name, reason) for reason in reasons]
+        shown, name = printable(path), printable(path.name)
+        values = [(shown, name, reason) for reason in reasons]
         with self._writing() as database:
-            database.execute("delete from refused where path = ?", (str(path),))
+            database.execute("delete from refused where path = ?", (shown,))
             database.executemany("insert into refused values (?, ?, ?)", values)
 
     def has_namesake(self, name: str, known: KnownFile) -> bool:
@@ -217,7 +226,9 @@ class Study:
             _write_parquet(self.folder / RESULTS, read_rows(self.folder))
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
-            writer.writerows([Failure._fields, *read_failures(self.folder)])
+            writer.writerow(Failure._fields)
+            for failure in read_failures(self.folder):
+                writer.writerow(map(csv_cell, failure))
             write_whole(self.folder / FAILURES, text.getvalue().encode())
             schema = {
                 "format": FORMAT,
@@ -420,6 +431,8 @@ def _told(folder: Path) -> Iterator[None]:
                 f"{folder}: it cannot be written ({reason}); free some space, and give the same"
                 " call again, which goes on from here."
             )
+        elif isinstance(fault, UnicodeEncodeError):
+            sentence = f"{folder}: a name or text to be kept there is no UTF-8; rename the file."
         else:
             sentence = f"{folder / FILE}: it is damaged; take another folder, or delete the file."
         raise StudyError(sentence) from None

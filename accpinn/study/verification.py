@@ -50,6 +50,8 @@ PATIENCE: Seconds = 60.0
 PROMPT: Seconds = 5.0
 """The same where the verification only comes before something else."""
 HOWEVER_LONG: Seconds = inf
+EACH_PAIR: Seconds = 0.1
+"""Time that a posterior takes for each follower in each window."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Numbers closer than this are the same; other processors round differently."""
@@ -245,7 +247,8 @@ def refit_seconds(result: Result) -> Seconds:
         once = method.expected_seconds(result.segments, config)
     except AccpinnError:
         return 0.0
-    return once * (1 + len(result.blocks))
+    pairs = len(result.segments) * result.info.followers if result.estimate.posterior else 0
+    return once * (1 + len(result.blocks)) + EACH_PAIR * pairs
 
 
 def _provenance(result: Result, whole: Result, recording: Recording) -> list[Check]:

@@ -8,14 +8,24 @@ import io
 import json
 import os
 import sqlite3
+import zipfile
 from collections.abc import Callable
-from contextlib import chdir, closing, redirect_stderr, redirect_stdout, suppress
+from contextlib import (
+    chdir,
+    closing,
+    nullcontext,
+    redirect_stderr,
+    redirect_stdout,
+    suppress,
+)
+from csv import reader
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -23,7 +33,7 @@ from accpinn import cli
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.methods.registry import METHODS
 from accpinn.recordings import Recording
-from accpinn.recordings.files import read, read_all
+from accpinn.recordings.files import opened, read, read_all
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import failure_table, group_table
 from accpinn.results.documents import parameter_card
@@ -37,17 +47,23 @@ from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import Information, suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
+from accpinn.study.plan import listing_of
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, prepare_snapshot, to_bytes
+from accpinn.study.snapshot_library import Library
+from accpinn.study.store import Store
 from accpinn.study.studies import FILE, Computed, KnownFile, read_failures, read_request, written
 from accpinn.study.verification import PROMPT, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.fuzz.tables import draw_table, use_table
 from tests.recordings import test_mapping as mappings
+from tests.recordings.test_limits import LONG
 from tests.support.command import strict
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
 from tests.support.snapshots import (
+    crowded,
+    lying,
     members,
     resealed,
     result_for,
@@ -256,6 +272,112 @@ def use_snapshot(data: bytes, _: Path) -> bool:
     return True
 
 
+# Archives
+
+METHODS_OF_ZIP = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2)
+SIZES = (0, 1, 1000, 10**6, 2**32 - 1)
+
+
+def draw_archive(draw: Random) -> bytes:
+    """A zip file of a snapshot or a recording, with members, sizes or entries that are not true."""
+    table = recordings()[2][0]
+    content = draw.choice(
+        (members(small_bytes()), {"run.csv": table}, {"xl/workbook.xml": b"<a/>"})
+    )
+    name = draw.choice(sorted(content))
+    kind = draw.randrange(6)
+    if kind == 0:
+        return crowded(draw.choice((3, 20_000, 300_000)))
+    if kind == 1:
+        content = content | {draw.choice(("run.exe", "../a.csv", "a.csv", "é.npy")): table}
+    if kind in (2, 3):
+        content = content | {name: bytes(draw.choice((1000, 10**6, 150_000_000)))}
+    data = zipped(content, draw.choice(METHODS_OF_ZIP))
+    return lying(data, name, draw.choice(SIZES)) if kind in (3, 4) else data
+
+
+def use_archive(data: bytes, _: Path) -> bool:
+    """Open it as a snapshot and as a recording."""
+    used = False
+    with suppress(AccpinnError):
+        used = bool(load(data))
+    with suppress(AccpinnError):
+        used |= any(isinstance(one, Recording) for one in read_all(data, "a.zip"))
+    return used
+
+
+# Folders and faults of the machine
+
+
+def draw_names(draw: Random) -> bytes:
+    """Names of files, of any bytes that a name may have, and which are links out of the folder."""
+    letters = b"ab=@-+. \n'\"" + draw.choice((b"", b"\xff\xfe\xc3"))
+    names = [
+        bytes(draw.choice(letters) for _ in range(draw.randrange(1, 8))).hex() for _ in range(4)
+    ]
+    return json.dumps([(name, draw.random() < 0.15) for name in {*names}]).encode()
+
+
+def use_names(data: bytes, folder: Path) -> bool:
+    """List them for a batch, keep what is left out, and print it; whether all were taken."""
+    (folder / "runs").mkdir()
+    (folder / "outside").write_bytes(b"a")
+    for name, is_link in json.loads(data):
+        path = Path(os.fsdecode(bytes(folder / "runs") + b"/" + bytes.fromhex(name) + b".csv"))
+        if is_link:
+            path.symlink_to(folder / "outside")
+        else:
+            path.write_bytes(b"a")
+    listing = listing_of(folder / "runs")
+    with written(folder / "study", REQUEST) as study:
+        for path, reason in listing.refused.items():
+            study.refuse(path, [reason])
+        for path in listing.files:
+            study.refuse(path, ["it is no recording"])
+    failure_table(read_failures(folder / "study")).to_csv().encode()
+    with (folder / "study" / "failures.csv").open(newline="", encoding="utf-8") as file:
+        cells = [cell for row in reader(file) for cell in row]
+    assert not any(cell.lstrip().startswith(("=", "@", "+", "-")) for cell in cells)
+    return not listing.refused
+
+
+FAULTS_OF_DISK = (
+    "SQLITE_FULL",
+    "SQLITE_BUSY",
+    "SQLITE_CANTOPEN",
+    "SQLITE_IOERR",
+    "SQLITE_READONLY",
+)
+
+
+def draw_faults(draw: Random) -> bytes:
+    """What the store is asked for, each with a fault of the machine or without."""
+    asked = [draw.choice(("keep", "list", "session", "owner")) for _ in range(5)]
+    faults = FAULTS_OF_DISK if draw.random() < 0.7 else (None,)
+    return json.dumps([(one, draw.choice((None, *faults))) for one in asked]).encode()
+
+
+def use_faults(data: bytes, folder: Path) -> bool:
+    """Ask for it all; afterwards nothing of what was kept before is gone. Whether no fault came."""
+    store, library = Store(folder), Library(folder)
+    store.keep_session("ann", b"open")
+    name = library.add(small_bytes(), "ann")
+    asked = json.loads(data)
+    actions: dict[str, Callable[[], object]] = {
+        "keep": lambda: store.keep_session("bob", b"too"), "list": library.entries,
+        "session": lambda: store.session("ann"), "owner": lambda: library.owner(name),
+    }  # fmt: skip
+    for action, fault in asked:
+        error = sqlite3.OperationalError("a fault of the machine")
+        error.sqlite_errorcode = getattr(sqlite3, fault or "SQLITE_FULL")
+        with patch("sqlite3.connect", side_effect=error) if fault else nullcontext():
+            actions[action]()
+    assert (store.session("ann"), library.owner(name)) == (b"open", "ann")
+    assert [entry.id for entry in library.entries()] == [name]
+    assert not [*folder.glob("*damaged*")]
+    return not any(fault for _, fault in asked)
+
+
 # Studies
 
 
@@ -376,13 +498,13 @@ def use_arguments(data: bytes, folder: Path) -> bool:
 
 # Large files
 
-HEADS = (b"", b"a,b\n", b"Time,")
+HEADS = (b"", b"a,b\n", b"Time,", b"id,t,v,g,lead\n")
 """Beside the first rows of sound files."""
 ROWS = (
     b"1,", b"\n", b"\r", b",", b'"', b"\0", b"a", b"[", b'"a\n', b"9", b"1\n", b"1,2\n", b",\n",
     b",,,,,,,\n", b"Speed1,", b"Speed%d,", b"%d.0,20.1,20.1,20.1,30.1,30.1\n",
     b"%d.x,20.1,20.1,20.1,30.1,30.1\n", b"t1,%d.0,1,0,20.1,1.2,20.1,30.1\n",
-    b"t%d,0.1,1,0,20.1,1.2,20.1,30.1\n",
+    b"t%d,0.1,1,0,20.1,1.2,20.1,30.1\n", b"%d,1,20,30,2\n", b"1,%d,20,30,2\n", b"\x01",
 )  # fmt: skip
 """Repeated without end, with a number that counts them."""
 
@@ -405,6 +527,8 @@ def use_large(content: bytes, folder: Path) -> bool:
         load(folder / "large")
     with suppress(AccpinnError):
         load_mapping(folder / "large")
+    with suppress(AccpinnError):
+        _ = opened(content, "large.csv", LONG).runs
     return bool(next(one for one in read_all(content, "large.csv")))
 
 
@@ -417,6 +541,9 @@ KINDS = {
         Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 35),
         Kind("study", draw_study, use_study, ".sqlite", 30),
         Kind("arguments", draw_arguments, use_arguments, ".json", 20, 20.0),  # some estimate
+        Kind("archive", draw_archive, use_archive, ".zip", 20, 3.0, 400e6),
+        Kind("names", draw_names, use_names, ".json", 10),
+        Kind("faults", draw_faults, use_faults, ".json", 12),
         Kind("large", draw_large, use_large, ".csv"),
     )
 }

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from streamlit import config
 from accpinn.methods.estimate import Outcome
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
-from pages.ui.session import sessions
+from pages.ui.session import resources, sessions
 from pages.ui.session.resources import library
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.snapshots.listing import restore_run
@@ -276,3 +277,14 @@ def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -
     page = open_page("Train", session).choose("runs_compare", True)
     written = page.plain()  # runs of the same second are in the order of their keys
     assert "case: II → I" in written or "case: I → II" in written
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of other systems are text")
+def test_a_file_whose_name_is_no_text_is_named_and_the_rest_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACCPINN_RECORDINGS", str(tmp_path))
+    (tmp_path / "good.csv").write_bytes(b"a")
+    Path(os.fsdecode(bytes(tmp_path) + b"/odd\xff.csv")).write_bytes(b"a")
+    assert [path.name for path in resources.listed()] == ["good.csv"]
+    assert resources.misnamed() == ["odd\ufffd.csv"]

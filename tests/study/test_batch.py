@@ -1,11 +1,13 @@
 """Batches: which windows they take, every one once, and what is known is not done again."""
 
+import errno
 import json
+import os
 import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +24,7 @@ from accpinn.cli import main
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.methods.registry import METHODS
 from accpinn.recordings import Recording
+from accpinn.recordings.containers import LIMIT_BYTES
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
@@ -114,6 +117,54 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
     shown = capsys.readouterr().out
     assert "24 of them known before" in shown
     assert "1 file could not be read" in shown
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of other systems are text")
+def test_what_is_left_out_is_named_and_the_rest_goes_on(
+    folder: Path, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in (*folder.glob("run*"), *folder.glob("below/*"), *folder.glob("copy*")):
+        path.unlink()
+    Path(os.fsdecode(bytes(folder) + b"/odd\xff.csv")).write_bytes(csv(frame(1)))
+    (tmp_path / "outside.csv").write_bytes(csv(frame(2)))
+    (folder / "link.csv").symlink_to(tmp_path / "outside.csv")
+    (folder / "inside.csv").symlink_to(folder / "hand.csv")
+    (folder / "secret").mkdir()
+    with (folder / "huge.csv").open("wb") as file:
+        file.truncate(LIMIT_BYTES + 1)
+    monkeypatch.setattr(Path, "read_bytes", bounded(Path.read_bytes))
+    monkeypatch.setattr(os, "scandir", forbidding(os.scandir, "secret"))
+    found = batch(folder, study, methods=METHODS_USED)
+    reasons = {failure.file: failure.reason for failure in read_failures(study)}
+    assert reasons.keys() == {
+        "odd\ufffd.csv", "link.csv", "secret", "huge.csv", "broken.csv", "hand.csv", "inside.csv"
+    }  # fmt: skip
+    assert found.refused == 6
+    assert "UTF-8" in reasons["odd\ufffd.csv"]
+    assert "link" in reasons["link.csv"]
+    assert "denied" in reasons["secret"]
+    assert "limit" in reasons["huge.csv"]
+
+
+def bounded(read_bytes: Callable[[Path], bytes]) -> Callable[[Path], bytes]:
+    """Reads no file that is too large."""
+
+    def read(path: Path) -> bytes:
+        assert path.stat().st_size <= LIMIT_BYTES
+        return read_bytes(path)
+
+    return read
+
+
+def forbidding(scandir: Callable[[Any], Any], name: str) -> Callable[[Any], Any]:
+    """Lists all folders but one."""
+
+    def scan(path: Any) -> Any:
+        if os.path.basename(path) == name:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return scandir(path)
+
+    return scan
 
 
 def test_other_contents_under_a_name_are_told(cluster: str, folder: Path, study: Path) -> None:

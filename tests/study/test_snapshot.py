@@ -29,7 +29,7 @@ from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.serial import Arrays
-from accpinn.study import Analysis
+from accpinn.study import Analysis, snapshot
 from accpinn.study.result import Result, result_of
 from accpinn.study.run import estimate, run
 from accpinn.study.snapshot import (
@@ -57,6 +57,8 @@ from tests.support.snapshots import (
     arrays_of,
     asked_of,
     bits,
+    crowded,
+    lying,
     members,
     put,
     resealed,
@@ -251,12 +253,32 @@ def with_text(text: bytes) -> bytes:
 
 
 SPEEDS = "segments.0.speeds"
+DRAWS = ("estimate.posterior.typical", "estimate.posterior.further")
 HOSTILE: dict[str, Callable[[], bytes]] = {
     "another zip": lambda: zipped({"a.txt": b"a"}),
     "zip bomb": lambda: zipped({DOCUMENT: b"0" * 200_000_000}, zipfile.ZIP_DEFLATED),
     "bomb of arrays": lambda: zipped(
         members(SEALED)
         | {ARRAYS: zipped({"a.npy": npy(np.zeros(20_000_000))}, zipfile.ZIP_DEFLATED)}
+    ),
+    **{f"a size that is not true, {method}": partial(
+        lambda method: lying(
+            zipped(members(SEALED) | {DOCUMENT: bytes(200_000_000)}, method), DOCUMENT, 1000
+        ),
+        method,
+    ) for method in (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2)},
+    "a crowded directory": lambda: crowded(400_000),
+    "a foreign member": lambda: zipped(members(SEALED) | {"run.exe": b"x"}),
+    "arrays that nothing names": lambda: with_npz(
+        *((f"{name}.npy", npy(values)) for name, values in arrays_of(SEALED).items()),
+        *((f"a{k}.npy", npy(np.zeros(1))) for k in range(12_000)),
+    ),
+    "one such array": lambda: with_arrays(foreign=np.zeros(3)),
+    "240,000 draws": lambda: resealed(
+        lambda _, arrays: arrays.update(
+            {name: np.resize(arrays[name], (240_000, 1, 6)) for name in DRAWS}
+        ),
+        to_bytes(two_windows()),
     ),
     "too many bytes": lambda: SEALED + bytes(LARGEST),
     "huge document": lambda: with_text(b" " * 3_000_000),
@@ -289,6 +311,25 @@ def test_a_hostile_file_is_refused_quickly_and_cheaply(name: str) -> None:
     limits = {"most_seconds": 1.0, "most_bytes": 300e6}
     loading = Kind(name, random.Random.randbytes, lambda data, _: bool(load(data)), "", **limits)
     assert not attempt(loading, HOSTILE[name]())
+
+
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("MOST_WINDOWS", 1), ("MOST_PAIRS", 1), ("MOST_COMPUTED_IN_ALL", 50), ("MOST_DRAWS", 1),
+        ("MOST_DRAWN", 1), ("MAX_FOLLOWERS", 0), ("MOST_PARTS", 0), ("MOST_FINDINGS", 0),
+    ],
+)  # fmt: skip
+def test_more_than_can_be_shown_is_neither_written_nor_read(
+    monkeypatch: pytest.MonkeyPatch, name: str, most: int
+) -> None:
+    result = whole() if name in ("MOST_PARTS", "MOST_FINDINGS") else two_windows()
+    data = to_bytes(result)
+    assert load(data)
+    monkeypatch.setattr(snapshot, name, most)
+    for use in (partial(load, data), partial(to_bytes, result)):
+        with pytest.raises(SnapshotError, match=f"{most} are the most"):
+            use()
 
 
 LONG = "x" * 500_000

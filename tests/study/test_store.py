@@ -3,9 +3,11 @@
 import errno
 import os
 import pickle
+import sqlite3
 import time
 import zipfile
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +19,22 @@ from accpinn.errors import SnapshotError
 from accpinn.methods.pinn.config import preset
 from accpinn.study import Analysis
 from accpinn.study.result import Result
+from accpinn.study.snapshot import ATTRIBUTION
 from accpinn.study.snapshot_library import RESTORABLE, Library
 from accpinn.study.store import INDEX, SESSION_KEPT, Entry, Store
 from tests.support.driving import driven
-from tests.support.snapshots import asked_of, bits, numbered, small, small_bytes, two_windows, whole
+from tests.support.snapshots import (
+    asked_of,
+    bits,
+    members,
+    numbered,
+    resealed,
+    small,
+    small_bytes,
+    two_windows,
+    whole,
+    zipped,
+)
 
 TRAINING = asked_of(driven(), "pinn", preset("paper", iterations=10))
 
@@ -88,6 +102,9 @@ class TestStore:
         later = time.time() + SESSION_KEPT + 60
         monkeypatch.setattr(time, "time", lambda: later)
         store.keep_session("bob", b"later")
+        assert store.session("ann") == b"open", "it may be the clock that is wrong"
+        monkeypatch.setattr("accpinn.study.store.SESSIONS_KEPT", 1)
+        store.keep_session("bob", b"later")
         assert store.session("ann") is None
         assert store.entries(session="ann") == ()
         assert len(store.entries()) == 2
@@ -104,6 +121,80 @@ class TestStore:
         assert same(Store(store.folder).entries(), before)
         store.keep(numbered(5))
         assert len(store.entries()) == 3
+
+    def test_a_damaged_index_is_set_aside_and_made_again(self, store: Store) -> None:
+        store.keep_session("ann", b"open")
+        for k in range(40):
+            store.keep(numbered(k))
+        place = store.folder / INDEX
+        damaged = bytearray(place.read_bytes())
+        damaged[4096:] = os.urandom(len(damaged) - 4096)  # found when rows are read, not before
+        place.write_bytes(damaged)
+        for path in store.folder.glob(f"{INDEX}-*"):
+            path.unlink()
+        assert len(Store(store.folder).entries()) == 40
+        (aside,) = store.folder.glob(f"{INDEX}.damaged-*")
+        assert aside.read_bytes() == bytes(damaged)
+
+    @pytest.mark.parametrize("fault", ["descriptors", "lock", "full disk", "read-only"])
+    def test_a_fault_that_passes_costs_nothing(
+        self, store: Store, monkeypatch: pytest.MonkeyPatch, fault: str
+    ) -> None:
+        store.keep_session("ann", b"open")
+        store.record_shown("ann", numbered(1))
+        library = Library(store.folder)
+        name = library.add(small(), owner="ann")
+        monkeypatch.setattr("accpinn.study.store.PATIENCE", 0.01)
+        with ExitStack() as stack:
+            if fault == "descriptors":
+                import resource
+
+                limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+                stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
+                resource.setrlimit(resource.RLIMIT_NOFILE, (3, limits[1]))
+            elif fault == "lock":
+                other = stack.enter_context(closing(sqlite3.connect(store.folder / INDEX)))
+                other.execute("pragma locking_mode = exclusive")
+                other.execute("begin exclusive")
+            else:
+                patched = stack.enter_context(monkeypatch.context())
+                code = {"full disk": "SQLITE_FULL", "read-only": "SQLITE_READONLY"}[fault]
+                error = sqlite3.OperationalError("it fails")
+                error.sqlite_errorcode = getattr(sqlite3, code)
+                patched.setattr(sqlite3, "connect", failing(error))
+            for use in (store.entries, library.entries, lambda: library.owner(name)):
+                use()
+            store.session("ann")
+            store.keep_session("bob", b"open, too")
+        assert store.session("ann") == b"open"
+        assert [entry.id for entry in store.entries(session="ann")] == [numbered(1).analysis.key]
+        assert library.owner(name) == "ann"
+        assert not [*store.folder.glob("*damaged*")]
+
+    def test_an_upgrade_keeps_sessions_and_owners(self, store: Store) -> None:
+        library = Library(store.folder)
+        name = library.add(small())
+        store.keep(numbered(1))
+        for path in store.folder.glob(f"{INDEX}*"):
+            path.unlink()
+        with closing(sqlite3.connect(store.folder / "index9.sqlite")) as former:
+            former.executescript(
+                "create table entries (name text primary key, state text, entry blob, owner text);"
+                "create table sessions (name text primary key, used real, document blob);"
+                "create table shown (session text, name text, at real);"
+            )
+            with former:
+                former.execute("insert into entries values (?, '', '', 'ann')", (name,))
+                former.execute("insert into sessions values ('ann', 1.0, 'open')")
+                former.execute(
+                    "insert into shown values ('ann', ?, 1.0)", (numbered(1).analysis.key,)
+                )
+        (store.folder / "index8.sqlite").write_bytes(b"damaged " * 1000)
+        assert store.session("ann") == "open"
+        assert len(store.entries(session="ann")) == 1
+        assert library.owner(name) == "ann"
+        (store.folder / INDEX).unlink()
+        assert library.owner(name) == "ann", "it stands beside the file"
 
     def test_a_list_reads_only_what_changed(
         self, store: Store, monkeypatch: pytest.MonkeyPatch
@@ -235,6 +326,17 @@ class TestLibrary:
         assert bits(replace(again.read(name), digest="")) == bits(small())
         assert same(again.readable("SMALL"), (entry,))
 
+    @pytest.mark.parametrize("about", ["attribution", "document"])
+    def test_what_is_imported_is_written_anew(self, library: Library, about: str) -> None:
+        foreign = zipped(members(small_bytes()) | {ATTRIBUTION: b"foreign: measured by Eve"})
+        if about == "document":
+            foreign = resealed(lambda tree, _: tree.update(foreign="and unknown"))
+        name = library.add(foreign, owner="eve")
+        kept = members(library.raw(name))
+        assert kept == members(small_bytes()), "as this program writes it"
+        with pytest.raises(SnapshotError, match=r"run\.exe"):
+            library.add(zipped(members(small_bytes()) | {"run.exe": b"x"}))
+
     @pytest.mark.parametrize(
         "name", ["", "../secret", "a/b", "ABCDEF0123456789", "0123456789abcdef\n", "0" * 15]
     )
@@ -258,6 +360,11 @@ class TestLibrary:
         later = time.time() + RESTORABLE + 60
         monkeypatch.setattr(time, "time", lambda: later)
         library.add(called("another"))
+        library.restore(name)
+        library.delete(name)
+        os.utime(library.path(name).with_suffix(".deleted"), (1, 1))
+        monkeypatch.setattr("accpinn.study.snapshot_library.UNDONE", 0)
+        library.add(called("a third"))
         with pytest.raises(SnapshotError, match="There is no snapshot"):
             library.restore(name)
 

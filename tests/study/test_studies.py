@@ -1,5 +1,6 @@
 """The file of a study and groups of its rows: nothing lost, the truth recovered."""
 
+import csv
 import os
 import sqlite3
 from contextlib import closing
@@ -17,7 +18,7 @@ from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.typical import car_of
 from accpinn.model.registry import BEST
 from accpinn.model.spec import ModelSpec
-from accpinn.results.database import group_table
+from accpinn.results.database import group_table, guarded
 from accpinn.study.groups import POSTERIOR, group, read_study, share
 from accpinn.study.studies import (
     FAILURES,
@@ -67,6 +68,17 @@ def test_results_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_plac
         study.add("a.csv", Computed(later_version, [row("B")]))
     assert [cells["make"] for cells in read_rows(tmp_path)] == ["B", "A", "A"]
     assert [path.name for path in tmp_path.glob(f"{FILE}*")] == [FILE], "one plain file is left"
+
+
+def test_names_and_reasons_are_no_formulas_in_files_that_leave(tmp_path: Path) -> None:
+    with written(tmp_path, REQUEST) as study:
+        study.refuse(Path("=cmd|'calc'!A0.csv"), ["@SUM(A1)"])
+        study.add("a.csv", Computed(analysis(), [row("=1+1")]))
+    with (tmp_path / FAILURES).open(newline="") as file:
+        assert [*csv.reader(file)][1] == ["'=cmd|'calc'!A0.csv", "", "", "'@SUM(A1)"]
+    saved = guarded(read_study(tmp_path))
+    assert saved["make"].tolist() == ["'=1+1"]
+    assert saved["alpha"].tolist() == read_study(tmp_path)["alpha"].tolist()
 
 
 def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:

@@ -168,6 +168,27 @@ def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_STORED) -> by
     return buffer.getvalue()
 
 
+def lying(data: bytes, name: str, size: int) -> bytes:
+    """A zip file whose directory gives a member another size, in both places where it stands."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        place = archive.getinfo(name).header_offset
+    changed, entry = bytearray(data), data.rindex(name.encode()) - 46
+    assert data[entry:].startswith(b"PK\x01\x02")
+    changed[place + 22 : place + 26] = changed[entry + 24 : entry + 28] = size.to_bytes(4, "little")
+    return bytes(changed)
+
+
+def crowded(count: int) -> bytes:
+    """A zip file whose directory has so many entries, of one and the same empty member."""
+    data = zipped({"a": b""})
+    at, end = data.index(b"PK\x01\x02"), data.index(b"PK\x05\x06")
+    entries = data[at:end] * count
+    ending = bytearray(data[end:])
+    ending[8:12] = 2 * min(count, 0xFFFF).to_bytes(2, "little")
+    ending[12:16] = len(entries).to_bytes(4, "little")
+    return data[:at] + entries + bytes(ending)
+
+
 def members(data: bytes) -> dict[str, bytes]:
     """What a zip file holds."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:

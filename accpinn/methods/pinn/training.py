@@ -64,7 +64,9 @@ _PER_PAIR = {False: (210, 40), True: (240, 110)}
 """Bytes per pair of columns that the output layer sees, and for each follower, without and with a
 mask; measured."""
 _PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
-"""Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
+"""Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured. Larger
+networks take more, as the neurons of all layers do: twice as much for six layers, four times as
+much for 200 neurons."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 TORCH_ABSENT = (ImportError, OSError)
@@ -258,7 +260,9 @@ def _bytes_needed(segment: Segment, duration: Seconds, config: PinnConfig, model
     samples = duration / segment.sample_time + 1
     is_late = FOLLOWING[model].is_late
     if config.preset == "paper":
-        return samples * (_LATE_INSTANT if is_late else _PER_INSTANT)
+        usual = PRESETS["paper"].layers * PRESETS["paper"].width
+        larger = max(1.0, config.layers * config.width / usual)
+        return samples * larger * (_LATE_INSTANT if is_late else _PER_INSTANT)
     kind = "usual" if segment.mask is None else "masked"
     if config.preset == "fast" and model != PAPER_MODEL:
         kind = "late model" if is_late else "other model"

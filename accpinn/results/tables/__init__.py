@@ -20,6 +20,7 @@ from markupsafe import Markup, escape
 from accpinn import channels
 from accpinn.findings import probability
 from accpinn.results.glossary import MEANINGS
+from accpinn.storage import csv_cell
 from accpinn.units import FloatArray, Quantity
 
 if TYPE_CHECKING:
@@ -66,9 +67,6 @@ _LATEX = {
 }
 _LATIN = "\u024f"
 """Letters up to here LaTeX knows; of others it shows the number."""
-_EVALUATED = re.compile(r"[=@+\-\t\r]")
-"""A text that begins so is a formula to a spreadsheet."""
-_NUMBER = re.compile(r"[+-]?[\d.e]+")
 _SPELT = str.maketrans(
     {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf",
      "₁": "1", "₂": "2", "²": "2", "%": "percent", "/": " per "}
@@ -410,6 +408,5 @@ def _parts(cell: Cell) -> tuple[Cell, ...]:
 def _csv_cell(cell: Cell) -> Cell:
     if cell is None or cell != cell:
         return ""
-    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
-        return f"'{cell}"
-    return cell
+    guarded: Cell = csv_cell(cell)
+    return guarded

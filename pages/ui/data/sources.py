@@ -13,6 +13,7 @@ from accpinn.recordings.download import Transfer
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import PUBLISHED_AT, Run, catalogue
+from accpinn.recordings.source import excerpt
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
 from accpinn.tasks import Status
@@ -165,6 +166,9 @@ def _choose_file(workspace: Workspace, root: Path) -> None:
     """The files in the server's folder that are no published runs."""
     published = {run.path(root) for run in catalogue()}
     paths = [path for path in resources.listed() if path not in published]
+    if odd := resources.misnamed():
+        names = excerpt(", ".join(odd), 150)
+        show.messages(f"Left out, as their names are no UTF-8 text: {names}.", "warning")
     if not paths:
         st.caption(
             "Other files in the server's folder of recordings are listed here;"

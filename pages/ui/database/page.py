@@ -401,8 +401,8 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
 
     # By a callback, as the browser goes on to report the row when other rows have taken its place.
     st.dataframe(
-        selected.rows[list(COLUMNS)], hide_index=True, height=420, on_select=picked,
-        selection_mode="single-row", key="database_rows", column_config=COLUMNS,
+        results.guarded(selected.rows[list(COLUMNS)]), hide_index=True, height=420,
+        on_select=picked, selection_mode="single-row", key="database_rows", column_config=COLUMNS,
     )  # fmt: skip
     st.caption(
         f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
@@ -412,7 +412,7 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
     _show_chosen(workspace, rows, selected)
     st.download_button(
         "CSV, all columns",
-        lambda: selected.rows.drop(columns=POSTERIOR).to_csv(index=False),
+        lambda: results.guarded(selected.rows.drop(columns=POSTERIOR)).to_csv(index=False),
         f"{study}_rows.csv", "text/csv",
         on_click="ignore", icon=":material/download:", key="database_rows_csv",
         help="The rows shown, with intervals, stability and errors; results.parquet in the study's"

@@ -15,7 +15,7 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
 from accpinn.segment.suggestion import Information
-from accpinn.storage import folder, shipped, variable
+from accpinn.storage import folder, is_text, printable, shipped, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
 from accpinn.study.plan import ENDINGS, car_following
@@ -125,11 +125,20 @@ def folders(root: Path) -> tuple[str, ...]:
 def listed() -> list[Path]:
     """The files of tables in the server's folder; none where there is no folder."""
     root = recordings_folder()
-    tables = (path for path in sorted(root.rglob("*")) if path.suffix.lower() in ENDINGS)
-    paths = (path for path in tables if path.is_file())
-    # A link that leads out of the folder is left out.
-    inside = (path for path in paths if path.resolve().is_relative_to(root))
-    return list(inside)
+    paths = (path for path in _tables(root) if path.is_file())
+    # A link that leads out of the folder is left out, and a name that is no text: see `misnamed`.
+    return [path for path in paths if is_text(path) and path.resolve().is_relative_to(root)]
+
+
+def misnamed() -> list[str]:
+    """Names of files in the server's folder that are no text, which no browser can be sent."""
+    paths = _tables(recordings_folder())
+    return sorted(printable(path.name) for path in paths if not is_text(path))
+
+
+def _tables(root: Path) -> list[Path]:
+    """The files below a folder whose names end as those of tables."""
+    return [path for path in sorted(root.rglob("*")) if path.suffix.lower() in ENDINGS]
 
 
 # What follows for a recording that is open, computed once

@@ -123,7 +123,7 @@ class Workspace:
         """Memory that its recordings take, and the files of its tables, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
         held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
-        return known + sum(file.content.nbytes for file in held.values())
+        return known + sum(file.nbytes for file in held.values())
 
     @property
     def spec(self) -> ModelSpec:

@@ -14,7 +14,7 @@ from accpinn.methods.estimate import of_window
 from accpinn.methods.pinn.config import FAST, PAPER, PresetName
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
-from accpinn.methods.pinn.training import require_memory
+from accpinn.methods.pinn.training import _bytes_needed, require_memory
 from accpinn.model.spec import ModelSpec
 from tests.support.driving import segment_of
 from tests.support.methods import train
@@ -136,6 +136,7 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
         (preset("fast", highest_frequency=2.0), False, "cthp"),
         *((preset("fast"), masked, "idm-delay") for masked in (False, True)),
         (preset("paper"), True, "idm"),
+        (preset("paper", layers=6, width=200), False, "cthp"),
     ],
 )
 def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
@@ -147,6 +148,16 @@ def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, m
     require_memory([of_length(seconds, step, masked)], config, model)
     with pytest.raises(SegmentError):
         require_memory([of_length(1.05 * seconds, step, masked)], config, model)
+
+
+@pytest.mark.parametrize(("settings", "factor"), [({"layers": 6}, 2.0), ({"width": 200}, 4.0)])
+def test_a_larger_network_takes_more_memory(settings: dict[str, int], factor: float) -> None:
+    """So much more was measured."""
+    needed = [
+        _bytes_needed(of_length(100), 100.0, preset("paper", **changes), "cthp")
+        for changes in ({}, settings)
+    ]
+    assert needed[1] >= 0.8 * factor * needed[0]
 
 
 def test_a_training_is_refused_before_its_work() -> None:
