@@ -378,18 +378,20 @@ def training_task(
     segments: Segments = (),
     anew: bool = False,
     kind: str = "training",
+    shown_to: Sequence[str] = (),
 ) -> Task[Result]:
     """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
 
     A stopped training of an equal analysis goes on from its checkpoint, if it is not to begin anew.
-    A finished one is entered among what its owner's session has shown. The data are given or cut
+    A finished one is entered among what each of ``shown_to`` was shown, by default its owner. The data are given or cut
     from the recording. Trainings of one owner that differ in ``kind`` wait for each other.
     """
 
     def answered(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
         if store and result.is_finished:
-            store.record_shown(owner, result)
+            for session in shown_to or (owner,):
+                store.record_shown(session, result)
         return result
 
     def steps(context: TaskContext) -> Iterator[Result]:

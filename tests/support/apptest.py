@@ -214,5 +214,6 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
     task.finish(result)
     session.restored, session.training = None, task
     if result.is_finished:
-        store().record_shown(session.id, result)
+        for owner in {session.key, session.owner or session.key}:
+            store().record_shown(owner, result)
     return result

@@ -18,7 +18,17 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.tasks import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown, kept, segments
-from pages.ui.session.sessions import SESSION, current, is_shared, may_use, recognise, user
+from pages.ui.session.sessions import (
+    SESSION,
+    agree,
+    begin_own,
+    current,
+    is_others,
+    is_shared,
+    may_use,
+    recognise,
+    user,
+)
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
@@ -92,6 +102,8 @@ def _begin(title: str) -> Workspace:
     st.html(HERE / "frame.css")
     admit()
     workspace = current()
+    if is_others(workspace):
+        _tell_whose(workspace)
     if page := st.session_state.pop(TURN, None):
         go(page, workspace)
     _sidebar(workspace)
@@ -266,6 +278,27 @@ def _sidebar(workspace: Workspace) -> None:
             )
             + " To show a result, send a snapshot's link instead."
         )
+
+
+def _tell_whose(workspace: Workspace) -> None:
+    """End the page here, with a word of who else has the session, and the ways on."""
+    st.title("A session of another browser", anchor=False)
+    show.messages(
+        "Someone else began the session that this address names. Whoever has the address sees and"
+        " controls everything that is opened in it. Go on in it only if you know who sent you the"
+        " address, or if it is yours from another browser.",
+        "warning", "group",
+    )  # fmt: skip
+    with st.container(horizontal=True):
+        st.button(
+            "Begin a session of your own", icon=":material/add:", type="primary",
+            key="frame_own_session", on_click=begin_own,
+        )  # fmt: skip
+        st.button(
+            "Go on in this session", key="frame_agree", on_click=agree, args=(workspace,),
+            type="tertiary",
+        )  # fmt: skip
+    st.stop()
 
 
 def admit() -> None:

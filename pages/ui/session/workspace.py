@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
@@ -49,11 +50,21 @@ Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
 
 
+def digest(secret: str) -> str:
+    """What the server keeps in place of a secret, as of a session's name."""
+    return sha256(secret.encode()).hexdigest()
+
+
 @dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, result."""
 
     id: str
+    """Its secret name, which nobody but its own browser learns."""
+    owner: str = ""
+    """Who uses it, as the store keeps that: see `pages.ui.session.sessions.owner_mark`."""
+    browsers: set[str] = field(default_factory=set)
+    """Digests of the cookies of the browsers that began it or agreed to use it."""
     recording: Recording | None = None
     pending: File | None = None
     """A file that asks for its columns, or for one of its trajectories, before it can be read."""
@@ -104,6 +115,11 @@ class Workspace:
     """Those that the store has."""
     kept: bytes = b""
     """What the store was last told of this session; see `pages.ui.session.sessions`."""
+
+    @property
+    def key(self) -> str:
+        """What the store keeps in place of its name."""
+        return digest(self.id)
 
     # What is on the screen
 
@@ -224,7 +240,7 @@ class Workspace:
     @property
     def runs(self) -> tuple[Entry, ...]:
         """The finished trainings that this session has shown, the newest first."""
-        entries = resources.store().entries(session=self.id)
+        entries = resources.store().entries(session=self.key)
         return tuple(entry for entry in entries if not entry.fault)
 
     def as_snapshot(self, name: str = "", note: str = "") -> Result:
@@ -360,8 +376,9 @@ class Workspace:
             self._record([self.result])
             self.choose_source("estimate")
             task = training_task(
-                self.id, asked, self.recording, resources.store(), self._data, anew
-            )
+                self.id, asked, self.recording, resources.store(), self._data, anew,
+                shown_to=self._shown_to,
+            )  # fmt: skip
             self.training = resources.task_queue().submit(task)
 
     def estimate_car(self, vehicle: int, model: str) -> None:
@@ -372,9 +389,16 @@ class Workspace:
         windows = resources.windows_in_car_following(recording, pair) or self.windows
         asked = Analysis.of(recording, windows, pair, excluded=self.asked.excluded, model=model)
         kind = f"estimate of {recording.label(vehicle)}"
-        task = training_task(self.id, asked, recording, resources.store(), kind=kind)
+        task = training_task(
+            self.id, asked, recording, resources.store(), kind=kind, shown_to=self._shown_to
+        )
         self.cars[vehicle] = resources.task_queue().submit(task)
         self.choose_source("several")
+
+    @property
+    def _shown_to(self) -> tuple[str, ...]:
+        """Who may list what is found here: the session, and whoever uses it."""
+        return tuple(dict.fromkeys((self.key, self.owner or self.key)))
 
     @property
     def own_results(self) -> dict[int, Result]:
