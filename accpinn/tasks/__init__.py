@@ -383,8 +383,9 @@ def training_task(
     """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
 
     A stopped training of an equal analysis goes on from its checkpoint, if it is not to begin anew.
-    A finished one is entered among what each of ``shown_to`` was shown, by default its owner. The data are given or cut
-    from the recording. Trainings of one owner that differ in ``kind`` wait for each other.
+    A finished one is entered among what each of ``shown_to`` was shown, by default its owner. The
+    data are given or cut from the recording. Trainings of one owner that differ in ``kind`` wait
+    for each other.
     """
 
     def answered(context: TaskContext | None) -> Result:

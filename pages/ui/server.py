@@ -1,10 +1,10 @@
 """What meets every connection before a page does: its name, its limits, and the browser's cookie.
 
-`app.py` gives `middleware` and `lifespan` to Streamlit when the server starts. Requests under a name
-that `server.allowedHosts` does not have are refused, as Streamlit itself refuses WebSockets. Every
-browser gets a cookie by which it is known again where nobody signs in. Connections are bounded in
-number and in how long they may be silent, so that nobody can use up the descriptors that files and
-databases need.
+`app.py` gives `middleware` and `lifespan` to Streamlit when the server starts. Requests under a
+name that `server.allowedHosts` does not have are refused, as Streamlit itself refuses WebSockets.
+Every browser gets a cookie by which it is known again where nobody signs in. Connections are
+bounded in number and in how long they may be silent, so that nobody can use up the descriptors that
+files and databases need.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ SILENT: Seconds = 30.0
 """A connection is closed that sends nothing for so long: no whole request, no further byte of one
 that has begun, or after a WebSocket's opening no first message."""
 IDLE: Seconds = 60.0
-"""Where there are too many connections, one that was silent for so long makes room for a new one."""
+"""Where there are too many connections, one that was silent for so long gives way to a new one."""
 SWEEP: Seconds = 5.0
 """Time between two looks at all connections."""
 _VALUE = re.compile(r"[\w-]{22}", re.ASCII)
@@ -194,7 +194,7 @@ def watch(connections: Connections) -> Callable[[], None]:
             connections.hear(protocol.transport)
 
     before.append((AutoHTTPProtocol, "data_received", former))
-    setattr(AutoHTTPProtocol, "data_received", receive)
+    AutoHTTPProtocol.data_received = receive  # type: ignore[method-assign]
     for name in ("handle_text", "handle_bytes"):  # a pong is no sign of life of a user
         follow(WebSocketsSansIOProtocol, name, hear_message)
 

@@ -3,12 +3,12 @@
 The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
 again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
 
-Who uses a session is one signed in through the server's provider, or where there is none the browser
-that began it, which a cookie tells. The session's name is a secret: the server keeps and lists
-digests of it alone, and another browser that is given the address is told whose it is. Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml` has a
-section `[auth]`; see docs/security.md. Without it nothing is asked, and sessions are told apart by
-their secret names alone. Where that file cannot be read, or users are named without it, nobody is
-admitted: a slip in the settings must not open the server to all.
+Who uses a session is one signed in through the server's provider, or where there is none the
+browser that began it, which a cookie tells. The session's name is a secret: the server keeps and
+lists digests of it alone, and another browser that is given the address is told that it is
+somebody's. Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml`
+has a section `[auth]`; see docs/security.md. Where that file cannot be read, or users are named
+without it, nobody is admitted: a slip in the settings must not open the server to all.
 
 All sessions are one person's only where the server listens to this computer alone, knows no other
 name than this computer's, and is asked for by it without a proxy; everybody else is a stranger.
@@ -135,7 +135,7 @@ def mark() -> str:
 
 
 def key_of(session: str) -> str:
-    """The name under which the store keeps a session, from which nobody learns the session's own."""
+    """The name under which the store keeps a session; nobody learns the session's own from it."""
     return f"{mark()}{digest(session)}"
 
 
