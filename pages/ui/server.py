@@ -22,6 +22,7 @@ from starlette.middleware import Middleware
 from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from streamlit import config
 from streamlit.web.server.starlette.starlette_websocket import is_host_allowed
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
@@ -49,7 +50,15 @@ IDLE: Seconds = 60.0
 """Where there are too many connections, one that was silent for so long gives way to a new one."""
 SWEEP: Seconds = 5.0
 """Time between two looks at all connections."""
+LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 _VALUE = re.compile(r"[\w-]{22}", re.ASCII)
+
+
+def is_open() -> bool:
+    """Whether others can reach the server: it listens to them, or has a name that they know."""
+    names = {str(name).strip().lower() for name in config.get_option("server.allowedHosts")}
+    address = str(config.get_option("server.address") or "")
+    return not names or not {address, *names} <= LOOPBACK
 
 
 def browser_of(cookies: str) -> str:

@@ -18,11 +18,13 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.tasks import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown, kept, segments
+from pages.ui.session.resources import queues
 from pages.ui.session.sessions import (
     SESSION,
     agree,
     begin_own,
     current,
+    is_admin,
     is_others,
     is_shared,
     may_use,
@@ -59,13 +61,14 @@ CHARTED = ("Stability", "Platoon", "Database")
 """Pages that have charts also where nothing is open."""
 
 FAILED = "The program failed {}; what was open stays open."
+STOPPED = "An administrator of this server ended it; what it found is kept."
 PAGE = "frame_page"
 """The entry with the title of the page drawn last: a click's outcome is said on its own page."""
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
 _STATUS = {
-    Status.QUEUED: "is under way",
+    Status.QUEUED: "waits",
     Status.RUNNING: "is under way",
     Status.DONE: "is done",
     Status.STOPPED: "was stopped",
@@ -267,6 +270,8 @@ def _sidebar(workspace: Workspace) -> None:
         ):  # fmt: skip
             _show_glossary()
         sign_out_button()
+        if is_admin():
+            _show_tasks()
         if not is_shared() and not user().is_asked:
             st.caption("Recordings and results stay on this computer.")
             return
@@ -278,6 +283,24 @@ def _sidebar(workspace: Workspace) -> None:
             )
             + " To show a result, send a snapshot's link instead."
         )
+
+
+def _show_tasks() -> None:
+    """The tasks of all users, for an administrator to stop."""
+    with st.popover("Tasks of all users", icon=":material/list:", type="tertiary"):
+        tasks = [task for queue in queues().values() for task in queue.active()]
+        if not tasks:
+            st.caption("None runs or waits.")
+        for place, task in enumerate(tasks):
+            line = f"{task.kind.capitalize()}, {_STATUS[task.status]}"
+            if task.seconds:
+                line += f" for {show.format_duration(task.seconds)}"
+            with st.container(horizontal=True, vertical_alignment="center"):
+                st.caption(escape_markdown(line))
+                st.button(
+                    "Stop", key=f"frame_stop_{place}", type="tertiary", icon=":material/stop:",
+                    on_click=task.stop, args=(STOPPED,), disabled=task.is_stopping,
+                )  # fmt: skip
 
 
 def _tell_whose(workspace: Workspace) -> None:

@@ -52,7 +52,8 @@ def _start(workspace: Workspace, study: str, request: Request) -> None:
     task = _task(workspace, study)
     if own.is_changed_by(study) and (task is None or not task.is_active):
         path = own.path_of(workspace.id, study)
-        batch_queue().submit(batch_task(own.task_owner(path), path, request))
+        task = batch_task(own.task_owner(path), path, request)
+        batch_queue().submit(task, workspace.owner or workspace.key)
 
 
 # Watching

@@ -39,7 +39,7 @@ from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Seconds
-from pages.ui.server import browser_of
+from pages.ui.server import LOOPBACK, browser_of, is_open
 from pages.ui.session.resources import find_recording, library, once, store, task_queue
 from pages.ui.session.workspace import Workspace, digest
 
@@ -63,7 +63,6 @@ USER = "user"
 """The entry in Streamlit's session state."""
 RECENT = 3
 """Other sessions that are offered to go on with."""
-LOOPBACK = ("localhost", "127.0.0.1", "::1")
 PASSED_ON = ("Forwarded", "Via", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-Ip")
 """Headers that only a proxy adds."""
 DIGEST = 64
@@ -146,10 +145,7 @@ def is_admin() -> bool:
 
 def is_shared() -> bool:
     """Whether others than the person at this computer reach the server, or this may be one."""
-    address = str(config.get_option("server.address") or "")
-    names = [str(name).strip().lower() for name in config.get_option("server.allowedHosts")]
-    is_open = not {address, *names} <= set(LOOPBACK) or not names
-    return is_open or not user().is_here
+    return is_open() or not user().is_here
 
 
 def may_use() -> bool:

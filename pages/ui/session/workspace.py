@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
@@ -33,6 +33,7 @@ from accpinn.tasks import (
 )
 from pages.ui.session import resources
 
+Found = TypeVar("Found")
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
 """Where the vehicles on pages Stability and Platoon are from."""
 KEPT_RECORDINGS, KEPT_EARLIER = 4, 2 * len(VARIANTS)
@@ -379,7 +380,7 @@ class Workspace:
                 self.id, asked, self.recording, resources.store(), self._data, anew,
                 shown_to=self._shown_to,
             )  # fmt: skip
-            self.training = resources.task_queue().submit(task)
+            self.training = self._submit(task)
 
     def estimate_car(self, vehicle: int, model: str) -> None:
         """Queue the estimate of one follower alone, in its own windows in car-following."""
@@ -392,8 +393,12 @@ class Workspace:
         task = training_task(
             self.id, asked, recording, resources.store(), kind=kind, shown_to=self._shown_to
         )
-        self.cars[vehicle] = resources.task_queue().submit(task)
+        self.cars[vehicle] = self._submit(task)
         self.choose_source("several")
+
+    def _submit(self, task: Task[Found]) -> Task[Found]:
+        """Queue a task; all sessions of a user take turns with others as one."""
+        return resources.task_queue().submit(task, self.owner or self.key)
 
     @property
     def _shown_to(self) -> tuple[str, ...]:
@@ -420,14 +425,14 @@ class Workspace:
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self.segments)
-            self.comparison = resources.task_queue().submit(task)
+            self.comparison = self._submit(task)
 
     def train_starts(self, preset: PresetName) -> None:
         """Queue a training on the windows from each of five initial values."""
         asked = self.analysis(preset)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
-            self.starts = resources.task_queue().submit(task)
+            self.starts = self._submit(task)
 
     @property
     def subjects(self) -> tuple[Subject, ...]:
@@ -441,9 +446,7 @@ class Workspace:
 
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
-        self.judgement = resources.task_queue().submit(
-            judgement_task(self.id, self.subjects, models)
-        )
+        self.judgement = self._submit(judgement_task(self.id, self.subjects, models))
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:
