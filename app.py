@@ -10,7 +10,9 @@ if __name__ == "__main__":
     draw_page("", show_page)
 else:
     from streamlit.starlette import App
+    from uvicorn import Server
 
-    from pages.ui.server import lifespan, middleware
+    from pages.ui.server import accept_few, lifespan, middleware
 
+    accept_few(Server)
     app = App(__file__, middleware=middleware, lifespan=lifespan)

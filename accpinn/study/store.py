@@ -52,6 +52,8 @@ create table if not exists entries (name text primary key, state text, entry blo
 create table if not exists sessions (name text primary key, used real, document blob);
 create table if not exists shown
     (session text, name text, at real, primary key (session, name));
+create table if not exists shown_entries
+    (session text, name text, entry blob, primary key (session, name));
 """
 _ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
 
@@ -161,13 +163,21 @@ class Shelf:
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
-        """The results whose entries have all these words, the newest first, damaged ones last."""
+        """The results whose entries have all these words, the newest first, damaged ones last.
+
+        Those of a session have the names under which it has shown them: another's recording with
+        the same data has the same result.
+        """
         paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         entries: dict[str, Entry] = {}
+        as_shown: dict[str, Entry | None] = {}
         with self.index() as index:
             if session:
                 shown = index.execute("select name from shown where session = ?", (session,))
                 paths = {name: paths[name] for (name,) in shown if name in paths}
+                asked = "select name, entry from shown_entries where session = ?"
+                as_shown = {name: _decoded(entry) for name, entry in
+                            index.execute(asked, (session,))}  # fmt: skip
             rows = index.execute("select name, state, entry from entries").fetchall()
             known = {name: (state, entry) for name, state, entry in rows}
             for name, path in paths.items():
@@ -175,7 +185,9 @@ class Shelf:
                     state = state_of(path)
                     then, content = known.get(name, ("", b""))
                     entry = _decoded(content) if then == state else None
-                    entries[name] = entry or self._indexed(index, name, state)
+                    entry = entry or self._indexed(index, name, state)
+                    own = None if entry.fault else as_shown.get(name)
+                    entries[name] = own or entry
             for name in () if session else known.keys() - paths.keys():
                 if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
                     index.execute("delete from entries where name = ?", (name,))
@@ -356,7 +368,8 @@ class Store(Shelf):
                 (session, now, document),
             )
             old = "(select name from sessions where used < ?)"
-            index.execute(f"delete from shown where session in {old}", (now - SESSION_KEPT,))
+            for table in ("shown", "shown_entries"):
+                index.execute(f"delete from {table} where session in {old}", (now - SESSION_KEPT,))
             index.execute("delete from sessions where used < ?", (now - SESSION_KEPT,))
 
     def session(self, session: str) -> bytes | None:
@@ -380,6 +393,17 @@ class Store(Shelf):
                 "insert or replace into shown values (?, ?, ?)",
                 (session, result.analysis.key, time.time()),
             )
+            entry = Entry.of(result.analysis.key, result)
+            index.execute(
+                "insert or replace into shown_entries values (?, ?, ?)",
+                (session, entry.id, msgspec.json.encode(dump(entry)[0])),
+            )
+
+    def shown_as(self, session: str, name: str) -> Entry | None:
+        """The entry of a result as a session has shown it; None where it has not."""
+        asked = "select entry from shown_entries where session = ? and name = ?"
+        content = self._ask(asked, session, name)
+        return _decoded(content) if content else None
 
     # Files
 

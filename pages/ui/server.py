@@ -17,6 +17,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+import uvicorn
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware import Middleware
 from starlette.requests import cookie_parser
@@ -41,13 +42,16 @@ HEADERS = {
     "Referrer-Policy": "same-origin",  # the address names the session
 }
 """Headers of every answer that has none of its own of that name."""
-CONNECTIONS, RESERVED = 1000, 200
-"""Most connections at a time, and the descriptors that are left for files whatever they are."""
+CONNECTIONS, BURST, RESERVED = 1000, 256, 200
+"""Most connections at a time; those that come at once, before any can be refused; and the
+descriptors that are left for files whatever happens."""
 SILENT: Seconds = 30.0
 """A connection is closed that sends nothing for so long: no whole request, no further byte of one
 that has begun, or after a WebSocket's opening no first message."""
+QUIET: Seconds = 1.0
 IDLE: Seconds = 60.0
-"""Where there are too many connections, one that was silent for so long gives way to a new one."""
+"""Where there are too many connections, one gives way to a new one: first one that has nothing
+under way and was silent for the shorter time, then any that was for the longer."""
 SWEEP: Seconds = 5.0
 """Time between two looks at all connections."""
 LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -134,9 +138,20 @@ class Connections:
         self.known[transport] = Connection(protocol, time.monotonic())
         self.known.move_to_end(transport)
         if is_new and len(self.known) > self.most:
-            oldest, connection = next(iter(self.known.items()))
-            is_idle = connection.heard < time.monotonic() - IDLE
-            (oldest if is_idle else transport).abort()
+            self._least_missed(transport).abort()
+
+    def _least_missed(self, newcomer: Any) -> Any:
+        """The connection that makes room: one that has nothing under way, or has long been idle."""
+        now = time.monotonic()
+        others = [(transport, known) for transport, known in self.known.items()
+                  if transport is not newcomer]  # fmt: skip
+        for transport, known in others:
+            if known.heard < now - QUIET and _awaits(known):
+                return transport
+        for transport, known in others:
+            if known.heard < now - IDLE:
+                return transport
+        return newcomer
 
     def hear(self, transport: Any) -> None:
         """Note that a connection has sent something."""
@@ -221,7 +236,7 @@ def most_connections() -> int:
     except ImportError:  # Windows, where sockets are no descriptors
         return CONNECTIONS
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = CONNECTIONS + RESERVED
+    wanted = CONNECTIONS + BURST + RESERVED
     if soft == resource.RLIM_INFINITY or soft >= wanted:
         return CONNECTIONS
     if hard == resource.RLIM_INFINITY or hard > soft:
@@ -229,7 +244,18 @@ def most_connections() -> int:
         with suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (raised, hard))
             soft = raised
-    return max(soft - RESERVED, soft // 4)
+    return max(soft - BURST - RESERVED, soft // 4)
+
+
+def accept_few(server: type[uvicorn.Server]) -> None:
+    """Have a server accept no more than `BURST` connections before it looks at them."""
+    former = server.startup
+
+    async def startup(self: uvicorn.Server, *given: Any, **named: Any) -> None:
+        self.config.backlog = BURST
+        await former(self, *given, **named)
+
+    server.startup = startup  # type: ignore[method-assign]
 
 
 @asynccontextmanager

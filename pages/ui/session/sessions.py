@@ -25,8 +25,9 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import msgspec
@@ -412,7 +413,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         asked = shown.analysis
         workspace.browsers.update(shown.browsers)
         with suppress(SnapshotError):
-            workspace.restore(result_of(shown.result or asked.key))
+            workspace.restore(own_result(workspace, shown.result or asked.key))
         workspace.take(asked)
         workspace.awaited = asked
         source = asked.source
@@ -430,6 +431,34 @@ def result_of(name: str) -> Result:
     if store().has(name):
         return store().read(name)
     return library().read(name)
+
+
+def own_result(workspace: Workspace, name: str) -> Result:
+    """The same, where it is a training by the names under which the user has shown it.
+
+    Whoever has the same data has the same result, and may have named files and vehicles otherwise.
+    """
+    result = result_of(name)
+    for session in (workspace.key, owner_mark(workspace.id)):
+        if entry := store().shown_as(session, name):
+            return _named(result, entry)
+    return result
+
+
+def _named(result: Result, entry: Entry) -> Result:
+    info, source = result.info, result.analysis.source
+    if (info.source, info.labels, source.sha256) == (entry.source, entry.vehicles, entry.sha256):
+        return result
+    names = tuple(label.removeprefix(f"{number} ") for number, label in
+                  zip(entry.numbers, entry.vehicles, strict=True))  # fmt: skip
+    segments = tuple(
+        replace(segment, source=entry.source, names=names, sha256=entry.sha256)
+        for segment in result.segments
+    )
+    source = replace(source, name=entry.source, sha256=entry.sha256)
+    analysis = replace(result.analysis, source=source)
+    facts: dict[str, Any] = {"campaign": entry.campaign} if entry.campaign else {}
+    return replace(result.on(segments, None), analysis=analysis, facts=facts, name="", note="")
 
 
 def _follow_link(workspace: Workspace) -> None:
