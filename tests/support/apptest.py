@@ -36,7 +36,9 @@ WAIT = 120.0
 
 def read(written: str) -> str:
     """Text as a person reads it: without the marks that make foreign text literal."""
-    return written.replace("\\", "").replace("\N{NO-BREAK SPACE}", " ")
+    return (
+        written.replace("\\", "").replace("\N{NO-BREAK SPACE}", " ").replace("\N{WORD JOINER}", "")
+    )
 
 
 class Page(AppTest):
