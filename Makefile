@@ -55,6 +55,14 @@ format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
 bench: $(VENV)/dev.stamp  ## time everyday things beside the last release (real recordings: set OPENACC_DIR)
 	@$(BIN)/python -m bench $(ARGS)
 
+.PHONY: lock
+lock: $(VENV)/dev.stamp  ## lock versions and hashes of all packages; ARGS=--upgrade for the newest
+	@$(BIN)/python -m bench.lock $(ARGS)
+
+.PHONY: audit
+audit: $(VENV)/dev.stamp  ## ask for known weaknesses of the locked packages (needs the internet)
+	@$(BIN)/python -m bench.audit
+
 .PHONY: samples
 samples: $(VENV)/app.stamp  ## write the recordings of sample_data again from their truth files
 	@$(BIN)/python -m accpinn.recordings.synthetic sample_data
@@ -68,16 +76,19 @@ clean:  ## remove .venv and everything the tools left behind
 	@rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# A stamp is younger than its list of packages exactly when they are installed.
-# The package itself is installed as it lies here, so that a script anywhere imports it.
-$(VENV)/app.stamp: requirements.txt pyproject.toml setup.py | $(BIN)/python
+# A stamp is younger than its list of packages exactly when they are installed: first the files with
+# the hashes of the lock file, then what it leaves to a version, which is PyTorch. The package itself
+# is installed as it lies here, so that a script anywhere imports it.
+$(VENV)/app.stamp: requirements.txt requirements.lock pyproject.toml setup.py | $(BIN)/python
 	@echo "Installing the app's packages into $(VENV) (the first time takes some minutes) ..."
+	@$(PIP) --require-hashes -r requirements.lock
 	@$(PIP) -r requirements.txt
 	@$(PIP) --no-deps -e .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements-dev.txt $(VENV)/app.stamp
+$(VENV)/dev.stamp: requirements-dev.txt requirements-dev.lock $(VENV)/app.stamp
 	@echo "Installing the packages for tests and checks into $(VENV) ..."
+	@$(PIP) --require-hashes -r requirements-dev.lock
 	@$(PIP) -r requirements-dev.txt
 	@touch $@
 

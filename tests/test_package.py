@@ -1,12 +1,19 @@
 """The package as a whole: what importing it offers and loads, and what its files hold."""
 
+import json
 import re
 import subprocess
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 import accpinn
+from bench import audit, lock
 from tests.support.command import loaded_after
 
 ROOT = Path(__file__).parent.parent
@@ -89,3 +96,90 @@ def test_the_container_gets_all_that_the_app_needs() -> None:
     own = {path.name for path in ROOT.iterdir() if path.is_dir()}
     assert {"accpinn", "pages"} <= imported & own <= set(copied)
     assert {"app.py", "sample_data", "requirements.txt", ".streamlit/config.toml"} <= set(copied)
+
+
+class TestLock:
+    """What is installed, here and by users, is what the lock files say."""
+
+    def test_every_requirement_is_locked_as_allowed_and_with_the_hashes_of_its_files(self) -> None:
+        versions = audit.locked()
+        for path in (lock.APP, lock.DEV):
+            for line in lock.requirements(path):
+                requirement = Requirement(line)
+                locked = versions[lock.name_of(line)]
+                assert requirement.specifier.contains(locked, prereleases=True), (line, locked)
+            for entry in self.entries(path):
+                assert "--hash=sha256:" in entry, entry.splitlines()[0]
+        [torch] = [line for line in lock.requirements(lock.APP) if line.startswith("torch")]
+        assert re.fullmatch(r"torch==[\d.]+", torch)
+
+    def test_both_files_agree_and_name_no_place(self) -> None:
+        app, dev = ({entry.split()[0] for entry in self.entries(path)}
+                    for path in (lock.APP, lock.DEV))  # fmt: skip
+        assert app <= dev, "the tests run what the app runs"
+        assert any(entry.startswith("authlib==") for entry in app), "signing in"
+        for path in (lock.APP, lock.DEV):
+            text = lock.lock_of(path).read_text()
+            assert not re.search(r"index-url|find-links|://| @ |^-[^-]|torch|nvidia", text, re.M)
+
+    def test_what_is_tested_is_what_is_locked(self) -> None:
+        here = {name: version(name) for name in audit.locked() if self.is_for_here(name)}
+        assert {name: found.partition("+")[0] for name, found in here.items()} == {
+            name: audit.locked()[name] for name in here
+        }
+
+    def entries(self, path: Path) -> list[str]:
+        lines = lock.lock_of(path).read_text().split("\n")
+        text = "\n".join(line for line in lines if not line.startswith("#"))
+        return [entry for entry in re.split(r"\n(?=\S)", text.strip()) if entry]
+
+    def is_for_here(self, name: str) -> bool:
+        entry = next((e for e in self.entries(lock.DEV) if e.startswith(f"{name}==")), name)
+        marker = Requirement(entry.split("\\")[0].strip()).marker
+        return marker is None or marker.evaluate()
+
+
+class TestAudit:
+    @pytest.fixture
+    def database(self, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[bytes]]:
+        """One that knows of an advisory on msgspec, and what it was asked."""
+        asked: list[bytes] = []
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                asked.append(self.rfile.read(int(self.headers["Content-Length"])))
+                names = [query["package"]["name"] for query in json.loads(asked[0])["queries"]]
+                known = [{"vulns": [{"id": "X-1"}]} if name == "msgspec" else {} for name in names]
+                self.send_response(200)
+                self.end_headers()
+                self.wfile.write(json.dumps({"results": known}).encode())
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        with HTTPServer(("127.0.0.1", 0), Handler) as server:
+            thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+            thread.start()
+            monkeypatch.setenv(audit.MIRROR_VARIABLE, f"http://127.0.0.1:{server.server_port}")
+            yield asked
+            server.shutdown()
+            thread.join()
+
+    def test_an_advisory_is_a_line_and_all_packages_are_asked_for(
+        self, database: list[bytes], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert audit.main() == 1
+        assert "msgspec" in capsys.readouterr().out
+        queries = json.loads(database[0])["queries"]
+        asked = {query["package"]["name"]: query["version"] for query in queries}
+        assert asked == audit.locked()
+        assert {"torch", "streamlit", "pytest"} <= set(asked)
+
+    def test_without_a_network_nothing_is_said_to_be_sound(
+        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        monkeypatch.setenv(audit.MIRROR_VARIABLE, "http://127.0.0.1:9")
+        assert audit.main() == 2
+        printed = capsys.readouterr()
+        assert not printed.out
+        assert len(printed.err.splitlines()) == 1

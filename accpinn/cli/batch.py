@@ -23,6 +23,7 @@ from accpinn.results.documents import groups_document
 from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
+from accpinn.study.cluster import plain_scheduler
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
 from accpinn.study.scripts import model_key
 from accpinn.study.studies import FAILURES
@@ -45,7 +46,7 @@ BATCH_OPTIONS = (
            help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}; or a script"
            " ending in .py that registers one, which each worker runs"),
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
-    option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place"),
+    option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place"),
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
     JSON,
 )  # fmt: skip
@@ -69,6 +70,8 @@ def run_batch(options: argparse.Namespace) -> int:
     """Run what is missing, and print what the batch has come to; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     model_key(options.model)  # its script may register methods, too
+    if options.scheduler and (warning := plain_scheduler(options.scheduler)):
+        note(f"Warning: {warning}")
     with interruptible() as stopped, _progress_bar() as show_progress:
         summary = batch(
             options.sources,

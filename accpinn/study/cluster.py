@@ -4,8 +4,14 @@ Scheduler and workers on this machine live below a process of their own (`python
 accpinn.study.cluster`), which says its address and ends with its standard input. So they do not
 import the caller's main module again, as multiprocessing would, which in the app is a page; and
 they end with the caller, however that ends.
+
+Whoever reaches a scheduler or a worker of dask has it run any code. Those on this machine take
+connections by TLS alone, with a certificate that is made for the batch and known to its processes
+only, since every user of the machine reaches their ports. What protects a scheduler elsewhere is
+its operator's; see `plain_scheduler`.
 """
 
+import json
 import os
 import re
 import signal
@@ -24,7 +30,7 @@ from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Security
 
 Job = TypeVar("Job")
 
@@ -54,7 +60,7 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     if scheduler:
         if not re.search(r":\d+/?$", scheduler):
             raise ConfigError(
-                f'scheduler: "{scheduler[:60]}" is no address; write one as tcp://HOST:8786.'
+                f'scheduler: "{scheduler[:60]}" is no address; write one as tls://HOST:8786.'
             )
         with _client(scheduler, CONNECT) as client:
             _require_package(client, scheduler)
@@ -72,34 +78,56 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     ) as process:
         assert process.stdin
         assert process.stdout
-        import distributed  # noqa: F401 - while the other process does so, too
+        from distributed import Security  # while the other process imports it, too
 
-        address = process.stdout.readline().strip()
+        answer = process.stdout.readline().strip()
         try:
-            if not address.startswith("tcp://"):
+            if not answer.startswith("{"):
                 raise RecordingError(
                     "The workers on this machine cannot be started"
-                    f" ({address or 'their process died'}); ask for fewer, or try again when it is"
+                    f" ({answer or 'their process died'}); ask for fewer, or try again when it is"
                     " less busy."
                 )
-            with _client(address, WORKERLESS) as client:
+            known = json.loads(answer)
+            security = Security(
+                require_encryption=True,
+                tls_ca_file=known["certificate"],
+                tls_client_cert=known["certificate"],
+                tls_client_key=known["key"],
+            )
+            with _client(known["address"], WORKERLESS, security) as client:
                 yield client
         finally:
             process.stdin.close()
 
 
+def plain_scheduler(scheduler: str) -> str:
+    """A warning of a scheduler that is reached without TLS; empty for one that is."""
+    if scheduler.startswith("tls://"):
+        return ""
+    return (
+        f"{scheduler[:60]} is not protected: whoever reaches that port, or is on the way to it, can"
+        " run any code there, read the recordings and change results. Use it only in a network of"
+        " your own, or set up TLS and write tls://; see docs/database.md."
+    )
+
+
 @contextmanager
-def _client(address: str, patience: Seconds) -> "Iterator[Client]":
+def _client(
+    address: str, patience: Seconds, security: "Security | None" = None
+) -> "Iterator[Client]":
+    """A client; by default with the certificates that dask's own configuration names."""
     import dask
     from distributed import Client
 
     quiet = {"distributed.admin.large-graph-warning-threshold": "1GB"}
     with dask.config.set(quiet):
         try:
-            client = Client(address, timeout=patience, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as fault:
+            client = Client(address, timeout=patience, set_as_default=False, security=security)
+        except (OSError, ValueError, TypeError, RuntimeError, TimeoutError) as fault:
             raise RecordingError(
-                f"{address}: no scheduler answers there ({_first_line(fault)}); check the address."
+                f"{address}: no scheduler answers there ({_first_line(fault)}); check the address,"
+                " and for tls:// dask's certificates."
             ) from None
         with client:
             try:
@@ -202,7 +230,7 @@ def run_all(
 def serve(workers: int) -> None:
     """Be scheduler and workers until standard input ends."""
     import dask
-    from distributed import LocalCluster
+    from distributed import LocalCluster, Security
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is for the caller, who ends this
     answer = os.dup(1)
@@ -210,24 +238,35 @@ def serve(workers: int) -> None:
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": f"{WORKERLESS:g}s",
+        # Their web servers, which ask nobody for a certificate, answer nothing.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
     }
     try:
+        security = Security.temporary()
         with (
             tempfile.TemporaryDirectory(prefix="accpinn-") as space,
             dask.config.set(settings),
             LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                protocol="tcp://",
+                protocol="tls://",
+                security=security,
+                host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
                 local_directory=space,
                 memory_limit=0,
                 silence_logs=50,
             ) as cluster,
         ):
-            os.write(answer, f"{cluster.scheduler_address}\n".encode())
+            known = {
+                "address": cluster.scheduler_address,
+                "certificate": security.tls_client_cert,
+                "key": security.tls_client_key,
+            }
+            os.write(answer, f"{json.dumps(known)}\n".encode())
             sys.stdin.read()
-    except (OSError, RuntimeError, TimeoutError) as fault:
+    except (OSError, RuntimeError, TimeoutError, ImportError) as fault:
         os.write(answer, f"{_first_line(fault)}\n".encode())
 
 

@@ -65,6 +65,8 @@ create table if not exists entries (name text primary key, state text, entry blo
 create table if not exists sessions (name text primary key, used real, document blob);
 create table if not exists shown
     (session text, name text, at real, primary key (session, name));
+create table if not exists shown_entries
+    (session text, name text, entry blob, primary key (session, name));
 """
 _ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
 
@@ -175,7 +177,11 @@ class Shelf:
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
-        """The results whose entries have all these words, the newest first, damaged ones last."""
+        """The results whose entries have all these words, the newest first, damaged ones last.
+
+        Those of a session have the names under which it has shown them: another's recording with
+        the same data has the same result.
+        """
         try:
             paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         except OSError:  # as without file descriptors; what the index knows may still be there
@@ -190,9 +196,12 @@ class Shelf:
     ) -> tuple[Entry, ...]:
         """The entries of files, those that a session has shown; of new files they are made."""
         entries: dict[str, Entry] = {}
+        as_shown: dict[str, Entry | None] = {}
         if session:
             shown = index.execute("select name from shown where session = ?", (session,))
             paths = {name: paths[name] for (name,) in shown if name in paths}
+            asked = "select name, entry from shown_entries where session = ?"
+            as_shown = {name: _decoded(entry) for name, entry in index.execute(asked, (session,))}
         rows = index.execute("select name, state, entry from entries").fetchall()
         known = {name: (state, entry) for name, state, entry in rows}
         for name, path in paths.items():
@@ -200,9 +209,11 @@ class Shelf:
                 state = state_of(path)
                 then, content = known.get(name, ("", b""))
                 entry = _decoded(content) if then == state else None
-                entries[name] = entry or self._indexed(index, name, state)
+                entry = entry or self._indexed(index, name, state)
+                entries[name] = (None if entry.fault else as_shown.get(name)) or entry
         for name in () if session else known.keys() - paths.keys():
-            index.execute("delete from entries where name = ?", (name,))
+            if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
+                index.execute("delete from entries where name = ?", (name,))
         return tuple(entries.values())
 
     def _indexed(self, index: sqlite3.Connection, name: str, state: str) -> Entry:
@@ -473,7 +484,8 @@ class Store(Shelf):
                 " do update set used = excluded.used, document = excluded.document",
                 (session, now, document),
             )
-            index.execute(f"delete from shown where session in {old}", bounds)
+            for table in ("shown", "shown_entries"):
+                index.execute(f"delete from {table} where session in {old}", bounds)
             index.execute(f"delete from sessions where name in {old}", bounds)
 
         self._transact(keep)
@@ -495,10 +507,24 @@ class Store(Shelf):
     def record_shown(self, session: str, result: Result) -> None:
         """Keep a result, and record that a session has shown it."""
         self.keep(result)
-        values = (session, result.analysis.key, time.time())
-        self._transact(
-            lambda index: index.execute("insert or replace into shown values (?, ?, ?)", values)
-        )
+        key = result.analysis.key
+        entry = msgspec.json.encode(dump(Entry.of(key, result))[0])
+
+        def record(index: sqlite3.Connection) -> None:
+            index.execute(
+                "insert or replace into shown values (?, ?, ?)", (session, key, time.time())
+            )
+            index.execute(
+                "insert or replace into shown_entries values (?, ?, ?)", (session, key, entry)
+            )
+
+        self._transact(record)
+
+    def shown_as(self, session: str, name: str) -> Entry | None:
+        """The entry of a result as a session has shown it; None where it has not."""
+        asked = "select entry from shown_entries where session = ? and name = ?"
+        content = self._ask(asked, session, name)
+        return _decoded(content) if content else None
 
     # Files
 

@@ -3,7 +3,9 @@
 A task runs one analysis (a training), or several that differ in method (a comparison) or in
 initial values (a series of starts). A training knows its point before its intervals. Batches and
 downloads are tasks, too (see `tasks.batches`). Each keeps a processor core busy, so one task runs
-at a time, in one thread, and the others wait their turn. Whoever asks (a page, many times a second)
+at a time, in one thread, and the others wait their turn: users take turns, whatever number of tasks
+each has. A server that many use sets a limit of time, and its operator can end all tasks. Whoever
+asks (a page, many times a second)
 gets answers at once and never waits for the worker. A training that was stopped is continued by
 submitting the same request again: the store holds its checkpoint.
 """
@@ -12,14 +14,14 @@ import gc
 import logging
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
 from functools import cache
 from itertools import takewhile
-from queue import SimpleQueue
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -55,6 +57,8 @@ KEPT_TASKS = 100
 """Finished tasks beyond this number are forgotten, the oldest first."""
 LONGEST_QUEUE = 60
 """More tasks than this do not wait; each owner has one of a kind at most."""
+WATCH: Seconds = 1.0
+"""Time between two looks at whether a running task must end."""
 GRACE: Seconds = 2.0
 """The worker gets ready after so long, or with the first task: meanwhile the first page is drawn,
 which else shares the processor with imports."""
@@ -101,8 +105,14 @@ class Task(Generic[Found]):
         self._lock = threading.Lock()
         self._stop, self._ended = threading.Event(), threading.Event()
         self.status = Status.QUEUED
+        self.user = owner
+        """Whose turn it takes in the queue; see `TaskQueue.submit`."""
+        self.round = 0
+        """The round of turns in which it runs."""
+        self.created = time.time()
         self.error = ""
-        """Why it failed, as a sentence; empty otherwise."""
+        """Why it failed, or was stopped by someone else, as a sentence; empty otherwise."""
+        self._reason = ""
         self.results: tuple[Found, ...] = ()
         """All results so far, also those of a task that was stopped or failed."""
         self.recorder = Recorder()
@@ -188,12 +198,22 @@ class Task(Generic[Found]):
                 return self.result.history
             return self.recorder.history() if self.recorder else None
 
-    def stop(self) -> None:
-        """Ask it to end soon, with its results so far; one that still waits ends at once."""
-        self._stop.set()
+    @property
+    def seconds(self) -> Seconds:
+        """How long it has run; 0 before it does."""
+        return time.monotonic() - self._began if self._began is not None else 0.0
+
+    def stop(self, reason: str = "") -> None:
+        """Ask it to end soon, with its results so far; one that still waits ends at once.
+
+        ``reason`` is a sentence where someone else than its owner ends it.
+        """
         with self._lock:
+            if not self._stop.is_set():
+                self._reason = reason
+            self._stop.set()
             if self.status is Status.QUEUED:
-                self._end(Status.STOPPED)
+                self._end(Status.STOPPED, reason)
 
     def refuse(self, reason: str) -> None:
         """End it before it has begun, for a reason that is given as a sentence."""
@@ -221,7 +241,9 @@ class Task(Generic[Found]):
             for result in self._steps(context):
                 self._add(result)
         except AccpinnError as fault:  # a stop may leave nothing to answer with
-            self._end(Status.STOPPED if self._stop.is_set() else Status.FAILED, str(fault))
+            is_stopped = self._stop.is_set()
+            error = (self._reason if is_stopped else "") or str(fault)
+            self._end(Status.STOPPED if is_stopped else Status.FAILED, error)
         except Exception as fault:
             _log.exception("A %s ended unexpectedly", self.kind)
             self._end(
@@ -230,7 +252,10 @@ class Task(Generic[Found]):
                 " program, not of your data; its log has the details. Try other settings.",
             )
         else:
-            self._end(Status.DONE if self._is_complete() else Status.STOPPED)
+            is_complete = self._is_complete()
+            self._end(
+                Status.DONE if is_complete else Status.STOPPED, "" if is_complete else self._reason
+            )
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
@@ -279,27 +304,44 @@ def get_ready() -> None:
 
 
 class TaskQueue:
-    """All tasks of a server, and the one thread that works on them."""
+    """All tasks of a server, and the one thread that works on them.
 
-    def __init__(self, prepare: Callable[[], object] = get_ready) -> None:
-        """Start the worker, which calls ``prepare`` before the first task."""
-        self._prepare = prepare
+    Users take turns, by start-time fair queueing: a user's first waiting task belongs to the round
+    after the present one, the next to the round after that, and so on.
+    """
+
+    def __init__(
+        self,
+        prepare: Callable[[], object] = get_ready,
+        limit: Seconds | None = None,
+        stop_file: Path | None = None,
+    ) -> None:
+        """Start the worker, which calls ``prepare`` before the first task.
+
+        Args:
+            prepare: called in the worker's thread.
+            limit: longest time that a task may run; it then ends with its results so far.
+            stop_file: whenever its operator touches it, all tasks end that were submitted before.
+        """
+        self._prepare, self.limit, self._stop_file = prepare, limit, stop_file
         self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
         self._tasks: list[Task[Any]] = []
-        """In the order of their submission; active ones run in that order."""
-        self._waiting = SimpleQueue[Task[Any] | None]()
+        """In the order of their submission."""
+        self._round, self._is_closed = 0, False
         self._asked = threading.Event()
         # A daemon, so that the server can end in the middle of a training.
         self._worker = threading.Thread(target=self._serve, name="tasks", daemon=True)
         self._worker.start()
 
-    def submit(self, task: Task[Found]) -> Task[Found]:
+    def submit(self, task: Task[Found], user: str = "") -> Task[Found]:
         """Queue a task, unless it has an answer; an active one of its owner and kind is stopped.
 
-        An active task of an equal analysis is returned in its place. Where too many wait already,
-        the task fails at once and says so.
+        An active task of an equal analysis is returned in its place. ``user`` is who takes a turn
+        with it, by default its owner. Where too many wait already, the task fails at once and says
+        so; or the latest of the user who has most in the queue does, where that is another.
         """
-        analysis = task.analysis
+        analysis, task.user = task.analysis, user or task.owner
         with self._lock:
             earlier = self.of(task.owner, task.kind)
             if earlier:
@@ -308,19 +350,28 @@ class TaskQueue:
                 if is_same and earlier.is_active and not earlier.is_stopping:
                     return earlier
                 earlier.stop()
-            waiting = [other for other in self._tasks if other.status is Status.QUEUED]
             ended = [other for other in self._tasks if not other.is_active]
             forgotten = ended[:-KEPT_TASKS]
             self._tasks = [other for other in self._tasks if other not in forgotten]
+            waiting = self._waiting()
+            own = (other.round for other in self._tasks
+                   if other.user == task.user and other.status is not Status.STOPPED)  # fmt: skip
+            task.round = 1 + max(self._round, *own, 0)
             self._tasks.append(task)
-            if not task.is_active:
-                return task
-            if len(waiting) >= LONGEST_QUEUE:
-                task.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
-            else:
-                self._waiting.put(task)
-                self._asked.set()
+            if task.is_active and len(waiting) >= LONGEST_QUEUE:
+                self._refuse_one(task, waiting)
+            self._changed.notify()
+            self._asked.set()
         return task
+
+    def _refuse_one(self, task: Task[Any], waiting: Sequence[Task[Any]]) -> None:
+        """Make room for a task at the cost of who has most in the queue, or refuse it."""
+        counts = Counter(other.user for other in waiting)
+        user, most = counts.most_common(1)[0]
+        refused = task
+        if most > counts[task.user] + 1:
+            refused = next(other for other in reversed(waiting) if other.user == user)
+        refused.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
 
     def of(self, owner: str, kind: str = "training") -> Task[Any] | None:
         """The owner's latest task of that kind that is not forgotten."""
@@ -330,41 +381,89 @@ class TaskQueue:
 
     def active_owners(self, kind: str) -> tuple[str, ...]:
         """Whose tasks of that kind wait or run."""
+        return tuple(task.owner for task in self.active() if task.kind == kind)
+
+    def active(self) -> tuple[Task[Any], ...]:
+        """The task that runs, and those that wait, in the order of their turns."""
         with self._lock:
-            return tuple(t.owner for t in self._tasks if t.kind == kind and t.is_active)
+            running = [task for task in self._tasks if task.status is Status.RUNNING]
+            return (*running, *self._in_turn())
 
     def ahead_of(self, task: Task[Any]) -> tuple[Task[Any], ...]:
         """The tasks that run or wait before a queued one; none once it runs."""
         with self._lock:
             if task.status is not Status.QUEUED:
                 return ()
-            earlier = takewhile(lambda other: other is not task, self._tasks)
-            return tuple(other for other in earlier if other.is_active)
+            return tuple(takewhile(lambda other: other is not task, self.active()))
 
     def wait_for(self, task: Task[Any]) -> Seconds | None:
         """Until a queued task starts at the latest; None where that is not known."""
         times = [other.time_left for other in self.ahead_of(task)]
         known = [seconds for seconds in times if seconds is not None]
-        return sum(known) if len(known) == len(times) else None
+        longest = self.limit or float("inf")
+        return sum(min(each, longest) for each in known) if len(known) == len(times) else None
 
     def close(self) -> None:
         """Stop everything and end the worker."""
         with self._lock:
             for task in self._tasks:
                 task.stop()
-        self._waiting.put(None)
+            self._is_closed = True
+            self._changed.notify()
         self._asked.set()
         self._worker.join()
+
+    def _waiting(self) -> list[Task[Any]]:
+        return [task for task in self._tasks if task.status is Status.QUEUED]
+
+    def _in_turn(self) -> Iterator[Task[Any]]:
+        """The waiting tasks in the order in which they will run, if no other comes."""
+        return iter(sorted(self._waiting(), key=lambda task: task.round))
+
+    def _take(self) -> Task[Any] | None:
+        """Wait for the next task; None once the queue is closed."""
+        with self._changed:
+            while not self._is_closed:
+                if task := next(self._in_turn(), None):
+                    self._round = task.round
+                    return task
+                self._changed.wait()
+        return None
 
     def _serve(self) -> None:
         self._asked.wait(GRACE)
         with suppress(Exception):  # reported by every task that needs what is prepared
             self._prepare()
-        for task in iter(self._waiting.get, None):
+        while task := self._take():
+            if self.limit or self._stop_file:
+                threading.Thread(target=self._watch, args=(task,), daemon=True).start()
             task.work()
             del task
-            if self._waiting.empty():
+            if not self._waiting():
                 gc.collect()  # no page waits for that
+
+    def _watch(self, task: Task[Any]) -> None:
+        """End a task that runs for too long, and all tasks whose end the operator asks for."""
+        while True:
+            stopped_at = _touched(self._stop_file)
+            with self._lock:
+                tasks = [other for other in self._tasks if other.created <= stopped_at]
+            for other in tasks:
+                other.stop("Whoever runs this server ended it; what it found is kept.")
+            if self.limit and task.seconds > self.limit:
+                task.stop(
+                    f"It ended at this server's limit of {self.limit / 60:g} min; what it found is"
+                    " kept. It may be continued, after the tasks of others."
+                )
+            if task.wait(WATCH):
+                return
+
+
+def _touched(path: Path | None) -> Seconds:
+    """When a file was changed last, as `time.time`; 0 where there is none."""
+    with suppress(OSError):
+        return path.stat().st_mtime if path else 0.0
+    return 0.0
 
 
 # What is asked
@@ -378,18 +477,21 @@ def training_task(
     segments: Segments = (),
     anew: bool = False,
     kind: str = "training",
+    shown_to: Sequence[str] = (),
 ) -> Task[Result]:
     """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
 
     A stopped training of an equal analysis goes on from its checkpoint, if it is not to begin anew.
-    A finished one is entered among what its owner's session has shown. The data are given or cut
-    from the recording. Trainings of one owner that differ in ``kind`` wait for each other.
+    A finished one is entered among what each of ``shown_to`` was shown, by default its owner. The
+    data are given or cut from the recording. Trainings of one owner that differ in ``kind`` wait
+    for each other.
     """
 
     def answered(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
         if store and result.is_finished:
-            store.record_shown(owner, result)
+            for session in shown_to or (owner,):
+                store.record_shown(session, result)
         return result
 
     def steps(context: TaskContext) -> Iterator[Result]:

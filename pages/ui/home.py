@@ -17,7 +17,7 @@ from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
 from pages.ui.session.resources import FIRST_SAMPLE, sample_title, samples
-from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
+from pages.ui.session.sessions import Shown, go_on, recent_sessions, runs_to_see
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_runs
 
@@ -30,7 +30,7 @@ def show_page(workspace: Workspace) -> None:
     if workspace.pending:
         ask(workspace, workspace.pending, then=frame.DATA)
         return
-    recent = recent_sessions(workspace.id)
+    recent = recent_sessions(workspace)
     if workspace.recording or workspace.restored or recent:
         _continue(workspace, recent)
     else:
@@ -69,13 +69,15 @@ def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
         if recent:
             with others:
                 st.markdown("**Earlier sessions**")
-                for name, shown in recent:
+                for place, (key, shown) in enumerate(recent):
                     asked = shown.analysis
                     about = f"{asked.source.name}, {frame.in_words(asked.window, asked.windows)}"
-                    st.page_link(
-                        frame.TRAIN if shown.result else frame.DATA, label=escape_markdown(about),
-                        icon=":material/history:", query_params={SESSION: name},
-                    )  # fmt: skip
+                    # No link: its address would hold the session's secret.
+                    if st.button(
+                        escape_markdown(about), key=f"home_session_{place}", type="tertiary",
+                        icon=":material/history:",
+                    ):  # fmt: skip
+                        frame.go(frame.TRAIN if shown.result else frame.DATA, go_on(key))
 
 
 def _ways_in(workspace: Workspace) -> None:

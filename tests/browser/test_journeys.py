@@ -34,7 +34,7 @@ from tests.browser.running import (
     watched,
 )
 from tests.support import own_tables
-from tests.support.openacc_files import csv, metadata
+from tests.support.openacc_files import csv, metadata, platoon
 from tests.support.samples import FOLDER, frame
 from tests.support.studies import row, write_study
 
@@ -232,6 +232,19 @@ def test_a_real_recording_is_dropped_trained_on_and_its_window_moved(
     window(page, "915–1215")
     page.get_by_role("slider").first.press("ArrowLeft")  # the handle at the window's start
     window(page, "914.9–1215")
+
+
+def test_an_address_in_a_name_is_no_link(opened: Open) -> None:
+    page = opened("/Data")
+    named = "www.evil.org me@evil.org"
+    rows = platoon(2, 600), metadata((named, f"see http://evil.org/x {named}"))
+    upload(page, (f"{named}.csv", csv(*rows)))
+    page.get_by_text("Preview of the window").wait_for()
+    for title in ("Data", "Train", "Home"):
+        go(page, title)
+        idle(page)
+        expect(page.get_by_text("evil.org").first).to_be_visible()
+        expect(page.locator("a[href*=evil]")).to_have_count(0)
 
 
 def test_a_window_is_dragged_twice_and_all_methods_on_it_run_stop_and_survive_a_reload(

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
@@ -16,6 +17,7 @@ from accpinn.study.batch import BatchProgress
 from accpinn.study.studies import FILE, Computed, Request, written
 from accpinn.tasks import Status, batches
 from pages.ui.database import page as database_page
+from pages.ui.session import sessions
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import WAIT, Page, open_page, until
 from tests.support.openacc_files import csv, metadata, platoon
@@ -231,6 +233,39 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
 
 
 # Page Data
+
+
+def test_a_stranger_s_studies_are_listed_to_nobody_else_and_a_link_shows_one_without_its_batch(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def be(browser: str) -> None:
+        cookie = {"Host": "app.lab.org", "Cookie": f"accpinn_browser={browser * 22}"}
+        monkeypatch.setattr(sessions, "connection_headers", lambda: cookie)
+
+    be("a")
+    page = opened()
+    assert "no study here yet" in page.plain(), "the one made by this computer's person is not hers"
+    page.choose("database_name", "annsown").press("database_start")
+    [path] = Path(os.environ["ACCPINN_STUDIES"]).glob("_*/annsown")
+    until(lambda: not batch_queue().active_owners("batch"))
+    write_study(path, made())
+    page = open_page("Database", page.workspace())
+    assert page.widget("database_study").options == ["annsown"]
+    [link] = [code.value for code in page.code if "study=annsown" in code.value]
+    be("b")
+    other = opened()
+    assert "no study here yet" in other.plain()
+    assert "annsown" not in other.everything()
+    assert other.widget("database_name").value == "OpenACC"
+    for guessed in ("annsown", "mine", f"{path.parent.name}/annsown", f"annsown@{'0' * 32}",
+                    "annsown@../x", f"mine@{link[-32:]}"):  # fmt: skip
+        assert "There is no study" in opened(study=guessed).plain() or "no study here yet" in (
+            opened(study=guessed).plain()
+        )
+        assert "Tesla" not in opened(study=guessed).everything()
+    shown = opened(study=parse_qs(urlsplit(link).query)["study"][0])
+    assert "Tesla" in shown.everything()
+    assert not {"database_continue", "database_stop"} & shown.buttons
 
 
 def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Every page, and Home, Data and Train in full, without a browser: each step, and what can fail."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -633,6 +634,14 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
 def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
     escaped = r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>"
     assert escape_markdown("a*b_[c](d) $x$ :red[e] <i>") == escaped
+    # Addresses are found once escapes are undone; these are the patterns of GFM's extension.
+    links = re.compile(
+        r"(https?://|www(?=\.))[-.\w]+|[-.\w+]+@[-\w]+(?:\.[-\w]+)+", re.IGNORECASE | re.ASCII
+    )
+    for address in ("http://a.org/x", "HTTPS://a.org", "www.a.org", "a.b+c@d-e.org", "(www.a.org)"):
+        assert links.search(address)
+        assert not links.search(escape_markdown(address).replace("\\", ""))
+        assert read(escape_markdown(address)) == address
     assert bullets(("one.",)) == r"one\."
     assert bullets(("one", "two")) == "- one\n- two"
     seconds = (0.2, 59.4, 60, 200, 2706, 3900)

@@ -14,10 +14,11 @@ from accpinn.methods.estimate import Outcome
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
 from pages.ui.session import resources, sessions
-from pages.ui.session.resources import library
+from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
+from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import restore_run
-from tests.support.apptest import WAIT, fitted, open_page, train_at_once, with_sample
+from tests.support.apptest import MINUTE, WAIT, fitted, open_page, train_at_once, with_sample
 from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, platoon
 from tests.support.samples import frame
@@ -123,17 +124,138 @@ class TestDeletion:
         monkeypatch.setenv(sessions.ADMINS_VARIABLE, "bob@school.edu")
         assert self.delete_key() in open_page("Snapshots", user=BOB).buttons
 
-    def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
-        before = config.get_option("server.address")
+
+HERE = {"Host": "localhost:8501", "Origin": "http://localhost:8501"}
+LAB = {"Host": "app.lab.org", "Origin": "https://app.lab.org"}
+
+
+class TestStrangers:
+    """Who is taken for the one person at this computer, and what strangers see of each other."""
+
+    @pytest.mark.parametrize(
+        ("headers", "options", "shared"),
+        [
+            (HERE, {}, False),
+            ({"Host": "[::1]:8501"}, {}, False),
+            (HERE, {"server.address": "0.0.0.0"}, True),
+            (HERE, {"server.address": ""}, True),
+            (HERE, {"server.allowedHosts": ["app.lab.org"]}, True),
+            (HERE, {"server.allowedHosts": ["localhost", "*"]}, True),
+            (HERE, {"server.allowedHosts": []}, True),
+            (LAB, {}, True),
+            (HERE | {"Origin": "https://app.lab.org"}, {}, True),
+            (HERE | {"X-Forwarded-For": "192.0.2.7"}, {}, True),
+            (HERE | {"Forwarded": "for=192.0.2.7"}, {}, True),
+            ({"Host": "localhost.evil.org"}, {}, True),
+            ({"Host": "[broken"}, {}, True),
+            ({"Host": ""}, {}, True),
+            ({}, {}, True),
+        ],
+    )
+    def test_only_who_asks_for_this_computer_by_its_name_is_the_person_at_it(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        headers: dict[str, str],
+        options: dict[str, Any],
+        shared: bool,
+    ) -> None:
+        before = {name: config.get_option(name) for name in options}
+        mine = with_sample()
+        open_page("Home", mine)
+        monkeypatch.setattr(sessions, "connection_headers", lambda: headers)
         try:
-            for address, shared in (("localhost", False), ("0.0.0.0", True), ("", True)):
-                config.set_option("server.address", address)
-                assert sessions.is_shared() is shared
-                said = open_page("Snapshots").texts()
-                assert ("Anyone with this address controls" in said) is shared, "a warning"
-                assert ("stay on this computer" in said) is not shared
+            for name, value in options.items():
+                config.set_option(name, value)
+            page = open_page("Home")
         finally:
-            config.set_option("server.address", before)
+            for name, value in before.items():
+                config.set_option(name, value)
+        assert ("Anyone with this address controls" in page.texts()) is shared, "a warning"
+        assert ("stay on this computer" in page.texts()) is not shared
+        assert ("home_session_0" in page.buttons) is not shared
+        assert mine.id not in page.everything()
+
+    def test_a_broken_connection_leaves_a_stranger_a_stranger(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """What is drawn then is sent once the browser is back."""
+        open_page("Home", with_sample())
+        monkeypatch.setattr(sessions, "connection_headers", lambda: LAB)
+        page = open_page("Home")
+        monkeypatch.setattr(sessions, "connection_headers", dict)
+        assert "home_session_0" not in page.sound().buttons
+
+    def test_an_earlier_session_is_gone_on_with_and_its_secret_is_nowhere(self) -> None:
+        session = open_page("Train", session=fitted().id).workspace()
+        page = open_page("Home")
+        assert session.id not in page.everything()
+        page.press("home_session_0")
+        assert page.workspace() is session, "it is still there"
+        sessions.workspaces.clear()
+        again = open_page("Home").press("home_session_0").workspace()
+        assert again.result.parameters == session.result.parameters
+        assert again.id != session.id, "the server has forgotten the secret"
+        kept = b"".join(path.read_bytes() for path in store().folder.glob("*sqlite*"))
+        assert session.id.encode() not in kept
+        assert again.id.encode() not in kept
+
+    def test_a_stranger_s_lists_have_his_own_runs_and_snapshots_in_every_session_of_his_browser(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        self.use(monkeypatch, "a")
+        page = open_page("Home")
+        self.give_result(page.workspace())
+        open_page("Snapshots", page.workspace()).press("Save")
+        (entry,) = library().entries()
+        (run,) = open_page("Home", page.workspace()).workspace().runs
+        for browser, sees in (("a", True), ("b", False), ("", False)):
+            self.use(monkeypatch, browser)
+            for title in ("Home", "Snapshots"):
+                other = open_page(title)
+                assert other.workspace() is not page.workspace()
+                named = f"snapshots_open_{entry.id}" if title == "Snapshots" else (
+                    f"home_runs_open_{run.id}"
+                )  # fmt: skip
+                assert (named in other.buttons) is sees, (browser, title)
+            sources = open_page("Stability").widget("stability_source").options
+            assert any("snapshot" in source.casefold() for source in map(str, sources)) is sees
+            assert open_page("Snapshots", snapshot=entry.id).buttons >= {"snapshots_back"}, (
+                "whoever has its link opens it"
+            )
+
+    def test_a_session_that_another_browser_began_says_so_before_anything_is_opened_in_it(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        self.use(monkeypatch, "a")
+        theirs = open_page("Home").workspace()
+        theirs.open(read(PLATOON))
+        open_page("Home", theirs)
+        self.use(monkeypatch, "b")
+        for title in ("Home", "Data", "Snapshots"):
+            page = open_page(title, theirs, snapshot="0123456789abcdef")
+            assert page.buttons == {"frame_own_session", "frame_agree"}
+            assert not page.get("file_uploader")
+            assert PLATOON.name not in page.plain()
+        assert page.press("frame_own_session").workspace() is not theirs
+        assert page.get("file_uploader")
+        page = open_page("Data", theirs).press("frame_agree")
+        assert PLATOON.name in page.plain()
+        assert PLATOON.name in open_page("Data", theirs).plain(), "asked once"
+        sessions.workspaces.clear()
+        assert PLATOON.name in open_page("Data", session=theirs.id).plain(), "also after a restart"
+        self.use(monkeypatch, "c")
+        sessions.workspaces.clear()
+        assert "frame_agree" in open_page("Data", session=theirs.id).buttons
+
+    def use(self, monkeypatch: pytest.MonkeyPatch, browser: str) -> None:
+        """Be a browser behind the laboratory's proxy; an empty name has no cookie."""
+        cookie = {"Cookie": f"accpinn_browser={browser * 22}"} if browser else {}
+        monkeypatch.setattr(sessions, "connection_headers", lambda: LAB | cookie)
+
+    def give_result(self, session: Workspace) -> None:
+        session.open(read(PLATOON))
+        session.choose(window=MINUTE, vehicles=(2, 3, 4, 5))
+        train_at_once(session)
 
 
 def test_sessions_cannot_be_guessed_and_are_bounded_in_number_age_and_memory(

@@ -36,7 +36,9 @@ WAIT = 120.0
 
 def read(written: str) -> str:
     """Text as a person reads it: without the marks that make foreign text literal."""
-    return written.replace("\\", "").replace("\N{NO-BREAK SPACE}", " ")
+    return (
+        written.replace("\\", "").replace("\N{NO-BREAK SPACE}", " ").replace("\N{WORD JOINER}", "")
+    )
 
 
 class Page(AppTest):
@@ -214,5 +216,6 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
     task.finish(result)
     session.restored, session.training = None, task
     if result.is_finished:
-        store().record_shown(session.id, result)
+        for owner in {session.key, session.owner or session.key}:
+            store().record_shown(owner, result)
     return result

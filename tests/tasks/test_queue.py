@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -267,6 +268,105 @@ def test_tasks_are_bounded_in_number(puppet: Puppet, monkeypatch: pytest.MonkeyP
     assert refused.error.startswith("1 tasks are waiting already")
     puppet.give(result(), result())
     assert finished(waits).status is finished(first).status is Status.DONE
+
+
+class TestOfManyUsers:
+    """Who fills the queue holds up himself; a limit of time and the operator end what runs."""
+
+    def started(self, puppet: Puppet, count: int) -> list[Any]:
+        puppet.give(*[result() for _ in range(count)])
+        return [puppet.starts() for _ in range(count)]
+
+    def submit(self, puppet: Puppet, user: str, name: str) -> Task[Any]:
+        return puppet.queue.submit(puppet.task(f"{user} {name}", f"{user}{name}"), user)
+
+    def test_users_take_turns_whatever_they_have_waiting(self, puppet: Puppet) -> None:
+        self.submit(puppet, "eve", "0")
+        puppet.starts()
+        eves = [self.submit(puppet, "eve", str(k)) for k in range(1, 5)]
+        ann = self.submit(puppet, "ann", "1")
+        ben = [self.submit(puppet, "ben", str(k)) for k in (1, 2)]
+        assert [task.user for task in puppet.queue.ahead_of(ben[1])] == [
+            "eve", "eve", "ann", "ben", "eve",
+        ]  # fmt: skip
+        assert puppet.queue.ahead_of(ann) == puppet.queue.active()[:2]
+        order = ["eve1", "ann1", "ben1", "eve2", "ben2", "eve3", "eve4"]
+        assert self.started(puppet, 7) == order
+        puppet.give(result())
+        assert finished(eves[-1]).status is Status.DONE
+
+    def test_newcomers_without_end_starve_nobody(self, puppet: Puppet) -> None:
+        self.submit(puppet, "ann", "1")
+        puppet.starts()
+        self.submit(puppet, "ann", "2")
+        names = []
+        for k in range(4):
+            self.submit(puppet, f"new{k}", "")
+            names += self.started(puppet, 1)
+        assert "ann2" in names[:2]
+        puppet.give(result())
+
+    def test_a_full_queue_refuses_who_fills_it(
+        self, puppet: Puppet, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("accpinn.tasks.LONGEST_QUEUE", 3)
+        self.submit(puppet, "eve", "0")
+        puppet.starts()
+        eves = [self.submit(puppet, "eve", str(k)) for k in range(1, 5)]
+        assert [task.status for task in eves] == [Status.QUEUED] * 3 + [Status.FAILED]
+        ann = self.submit(puppet, "ann", "1")
+        assert ann.status is Status.QUEUED
+        assert eves[2].status is Status.FAILED
+        assert "3 tasks are waiting" in eves[2].error
+        assert self.started(puppet, 3) == ["eve1", "ann1", "eve2"]
+        puppet.give(result())
+
+    def test_a_task_ends_at_the_limit_with_what_it_has(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("accpinn.tasks.WATCH", 0.01)
+        puppet = Puppet()
+        puppet.queue.close()
+        puppet.queue = TaskQueue(lambda: None, limit=0.3)
+        endless = puppet.queue.submit(puppet.task("eve", names=("one", "two")))
+        puppet.step("first")
+        after = puppet.queue.submit(puppet.task("ann"))
+        until_stop(puppet.context)
+        puppet.give(END, END)
+        assert finished(endless).status is Status.STOPPED
+        assert endless.results == ("first",)
+        assert "limit" in endless.error
+        assert finished(after).error != endless.error
+        puppet.queue.close()
+
+    def test_the_operator_ends_all_that_was_asked_for_before(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("accpinn.tasks.WATCH", 0.01)
+        puppet, stop = Puppet(), tmp_path / "stop"
+        puppet.queue.close()
+        puppet.queue = TaskQueue(lambda: None, stop_file=stop)
+        running, waiting = (puppet.queue.submit(puppet.task(name)) for name in ("ann", "ben"))
+        puppet.starts()
+        assert not puppet.context.should_stop()
+        time.sleep(0.05)  # the clock of files is behind by some milliseconds
+        stop.touch()
+        until_stop(puppet.context)
+        puppet.give(END)
+        assert finished(running).status is finished(waiting).status is Status.STOPPED
+        assert running.error == waiting.error != ""
+        after = puppet.queue.submit(puppet.task("cem"))
+        puppet.starts()
+        puppet.give(result())
+        assert finished(after).status is Status.DONE
+        puppet.queue.close()
+
+
+def until_stop(context: TaskContext) -> None:
+    end = time.monotonic() + WAIT
+    while not context.should_stop():
+        assert time.monotonic() < end
+        time.sleep(0.005)
 
 
 def test_closing_stops_everything(puppet: Puppet) -> None:

@@ -18,7 +18,19 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.tasks import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown, kept, segments
-from pages.ui.session.sessions import SESSION, current, is_shared, may_use, recognise, user
+from pages.ui.session.resources import queues
+from pages.ui.session.sessions import (
+    SESSION,
+    agree,
+    begin_own,
+    current,
+    is_admin,
+    is_others,
+    is_shared,
+    may_use,
+    recognise,
+    user,
+)
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
@@ -49,13 +61,14 @@ CHARTED = ("Stability", "Platoon", "Database")
 """Pages that have charts also where nothing is open."""
 
 FAILED = "The program failed {}; what was open stays open."
+STOPPED = "An administrator of this server ended it; what it found is kept."
 PAGE = "frame_page"
 """The entry with the title of the page drawn last: a click's outcome is said on its own page."""
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
 _STATUS = {
-    Status.QUEUED: "is under way",
+    Status.QUEUED: "waits",
     Status.RUNNING: "is under way",
     Status.DONE: "is done",
     Status.STOPPED: "was stopped",
@@ -92,6 +105,8 @@ def _begin(title: str) -> Workspace:
     st.html(HERE / "frame.css")
     admit()
     workspace = current()
+    if is_others(workspace):
+        _tell_whose(workspace)
     if page := st.session_state.pop(TURN, None):
         go(page, workspace)
     _sidebar(workspace)
@@ -255,6 +270,8 @@ def _sidebar(workspace: Workspace) -> None:
         ):  # fmt: skip
             _show_glossary()
         sign_out_button()
+        if is_admin():
+            _show_tasks()
         if not is_shared() and not user().is_asked:
             st.caption("Recordings and results stay on this computer.")
             return
@@ -266,6 +283,45 @@ def _sidebar(workspace: Workspace) -> None:
             )
             + " To show a result, send a snapshot's link instead."
         )
+
+
+def _show_tasks() -> None:
+    """The tasks of all users, for an administrator to stop."""
+    with st.popover("Tasks of all users", icon=":material/list:", type="tertiary"):
+        tasks = [task for queue in queues().values() for task in queue.active()]
+        if not tasks:
+            st.caption("None runs or waits.")
+        for place, task in enumerate(tasks):
+            line = f"{task.kind.capitalize()}, {_STATUS[task.status]}"
+            if task.seconds:
+                line += f" for {show.format_duration(task.seconds)}"
+            with st.container(horizontal=True, vertical_alignment="center"):
+                st.caption(escape_markdown(line))
+                st.button(
+                    "Stop", key=f"frame_stop_{place}", type="tertiary", icon=":material/stop:",
+                    on_click=task.stop, args=(STOPPED,), disabled=task.is_stopping,
+                )  # fmt: skip
+
+
+def _tell_whose(workspace: Workspace) -> None:
+    """End the page here, with a word of who else has the session, and the ways on."""
+    st.title("A session of another browser", anchor=False)
+    show.messages(
+        "Someone else began the session that this address names. Whoever has the address sees and"
+        " controls everything that is opened in it. Go on in it only if you know who sent you the"
+        " address, or if it is yours from another browser.",
+        "warning", "group",
+    )  # fmt: skip
+    with st.container(horizontal=True):
+        st.button(
+            "Begin a session of your own", icon=":material/add:", type="primary",
+            key="frame_own_session", on_click=begin_own,
+        )  # fmt: skip
+        st.button(
+            "Go on in this session", key="frame_agree", on_click=agree, args=(workspace,),
+            type="tertiary",
+        )  # fmt: skip
+    st.stop()
 
 
 def admit() -> None:

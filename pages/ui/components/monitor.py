@@ -7,7 +7,8 @@ import streamlit as st
 
 from accpinn.tasks import Status, Task
 from pages.ui.components import show
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import queue_of
+from pages.ui.session.sessions import sees_all
 
 INTERVALS = "intervals"
 """The phase in which the point is known and its intervals are computed."""
@@ -55,7 +56,7 @@ def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> No
     status, done, planned = task.status, len(task.results), len(task.names)
     stopping = "Stopping … " if task.is_stopping else ""
     if status is Status.QUEUED and told:
-        st.progress(0.0, f"{stopping}Waiting: another {task.kind} is running.")
+        st.progress(0.0, stopping + waiting_line(task))
     elif status is Status.QUEUED:
         show_waiting(task)
     elif status is Status.RUNNING:
@@ -63,6 +64,8 @@ def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> No
         st.progress(task.share, stopping + said)
     elif status is Status.FAILED:
         show.messages(task.error, "error")
+    elif status is Status.STOPPED and task.error and (done or told):
+        show.messages(task.error, "warning", "stop_circle")
     elif status is Status.STOPPED and planned > 1:
         kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
         show.messages(f"Stopped: {kept}.", icon="stop_circle")
@@ -88,26 +91,35 @@ def progress_parts(task: Task[Any]) -> list[str]:
 
 def show_waiting(task: Task[Any]) -> None:
     """Which tasks are ahead of a queued one, for how long, and how to stop one's own."""
-    ahead, seconds = task_queue().ahead_of(task), task_queue().wait_for(task)
+    ahead = queue_of(task).ahead_of(task)
     if not ahead:
         show.messages("Starting …", icon="hourglass_top")
         return
     earlier = next((other for other in ahead if other.owner == task.owner), None)
-    if earlier is None:
-        count = len(ahead)
-        who = f"{count} tasks of others are ahead of yours" if count > 1 else (
-            "Another task is running; yours is next"
-        )  # fmt: skip
-        when = f"starts in about {show.format_duration(seconds)}" if seconds else "starts by itself"
-        show.messages(f"{who} and {when}.", icon="hourglass_top")
-        return
+    show.messages(waiting_line(task), icon="hourglass_top")
+    if earlier:
+        stop_button(earlier, f"Stop the {earlier.kind}", f"monitor_stop_{earlier.kind}")
+
+
+def waiting_line(task: Task[Any]) -> str:
+    """Which tasks are ahead of a queued one, the user's own and others, and when it starts."""
+    queue = queue_of(task)
+    ahead, seconds = queue.ahead_of(task), queue.wait_for(task)
+    own = [other for other in ahead if other.owner == task.owner]
+    count = len(ahead) - len(own)
+    when = f"in about {show.format_duration(seconds)}" if seconds else "by itself"
+    whose = "of your other sessions" if sees_all() else "of other users"
+    if not own:
+        many = f"{count} tasks {whose} come first." if count > 1 else f"1 task {whose} comes first."
+        return f"Waiting: {many} Yours then starts {when}."
+    (earlier, *_), others = own, f" So do {count} tasks {whose}." if count > 1 else ""
+    others = f" So does 1 task {whose}." if count == 1 else others
     kept = "can be continued later" if earlier.analysis else "keeps its results so far"
-    show.messages(
-        f"{own_task_line(earlier, seconds)} The {task.kind} then starts by itself. To have it"
-        f" sooner, stop the {earlier.kind}; it {kept}.",
-        icon="hourglass_top",
+    return (
+        f"{own_task_line(earlier, None if count else seconds)}{others} The {task.kind} then starts"
+        f" {'by itself' if not count else when}. To have it sooner, stop the {earlier.kind}; it"
+        f" {kept}."
     )
-    stop_button(earlier, f"Stop the {earlier.kind}", f"monitor_stop_{earlier.kind}")
 
 
 def own_task_line(earlier: Task[Any], seconds: float | None) -> str:

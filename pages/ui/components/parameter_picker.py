@@ -20,7 +20,8 @@ from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, segments, select
-from pages.ui.session.resources import library, opened
+from pages.ui.session.resources import opened
+from pages.ui.session.sessions import readable_snapshots
 from pages.ui.session.workspace import ParameterSource, Workspace
 from pages.ui.snapshots.listing import choose_entry
 
@@ -55,7 +56,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     about = st.empty()
     about.caption(lead)
     # Every call looks at all files of the store; the newest snapshot comes first.
-    entries, choices = library().readable(), workspace.choices
+    entries, choices = readable_snapshots(workspace.id), workspace.choices
     absent = {"snapshot"} if not entries else set[str]()
     absent |= {"several"} if not cars_of(workspace) else set()
     source = workspace.parameter_source

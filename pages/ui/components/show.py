@@ -49,6 +49,8 @@ INK = 0.78
 PNG_SCALE = 3
 """Scale of a PNG against the screen, so that it can be printed."""
 
+_ADDRESS = re.compile(r"(?:https?:(?=//)|www(?=\.)|(?<=[\w.+-])@(?=[\w-]))", re.IGNORECASE)
+"""Where an address begins that becomes a link, also with its punctuation escaped; see GFM."""
 _PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
 _UNIT = re.compile(r"(?<=\d) (?=(?:%|(?:s|m|dB|m/s|km/h|rad/s|times)\b))")
 _ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "error": "error"}
@@ -57,9 +59,11 @@ _ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "erro
 def escape_markdown(text: str) -> str:
     """Text with every mark that markdown could read made literal, and units beside their numbers.
 
-    A line does not break between the two.
+    A line does not break between the two. Addresses, which Streamlit would make links of, are kept
+    apart by an invisible sign.
     """
-    return _PUNCTUATION.sub(r"\\\1", _UNIT.sub("\N{NO-BREAK SPACE}", text))
+    apart = _ADDRESS.sub("\\g<0>\N{WORD JOINER}", text)
+    return _PUNCTUATION.sub(r"\\\1", _UNIT.sub("\N{NO-BREAK SPACE}", apart))
 
 
 def bullets(sentences: Sequence[str]) -> str:

@@ -216,7 +216,8 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
 
 def _download(workspace: Workspace, run: Run, root: Path) -> None:
     base = os.environ.get(MIRROR_VARIABLE) or PUBLISHED_AT
-    resources.download_queue().submit(download_task(workspace.id, run, root, base))
+    task = download_task(workspace.id, run, root, base)
+    resources.download_queue().submit(task, workspace.owner or workspace.key)
 
 
 def _told(now: Transfer) -> str:

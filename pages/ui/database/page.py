@@ -5,6 +5,7 @@ A study is the folder of one batch of estimations on the server. The batch that 
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlencode
@@ -13,6 +14,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.errors import ConfigError
 from accpinn.methods.estimate import SPEEDS
 from accpinn.methods.registry import COMPARED
 from accpinn.model.registry import CTHPS
@@ -25,7 +27,7 @@ from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, kept, select, tabs
-from pages.ui.database import running
+from pages.ui.database import own, running
 from pages.ui.session.resources import batch_queue, find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
@@ -86,11 +88,13 @@ class ShownRows:
 
 def show_page(workspace: Workspace) -> None:
     _follow_link(workspace)
-    # Of a batch that waits nothing may be written yet.
-    active = batch_queue().active_owners("batch")
-    names = tuple(dict.fromkeys((*active, *on_disk.studies())))
+    names = own.own_studies(workspace.id)
     asked = workspace.choices.get("database_study", "")
-    refused = asked not in names and running.show_refusal(asked)
+    if not own.is_changed_by(asked):
+        with suppress(ConfigError):
+            own.path_of(workspace.id, asked)
+            names = (asked, *names)
+    refused = asked not in names and running.show_refusal(workspace, asked)
     if not names:
         st.caption(LEAD)
         show.messages(
@@ -102,7 +106,7 @@ def show_page(workspace: Workspace) -> None:
         return
     if asked not in names:
         if asked and not refused:
-            show.messages(f"There is no study {asked[:60]} here.", "warning")
+            show.messages(f"There is no study {own.title_of(asked)[:60]} here.", "warning")
         choose(workspace, study=names[0])
     _show_head(workspace, names)
     show.attempt(lambda: _show_body(workspace, workspace.choices["database_study"]))
@@ -116,14 +120,14 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 
 def _show_body(workspace: Workspace, study: str) -> None:
-    folder = on_disk.study_path(study)
+    folder = own.path_of(workspace.id, study)
     state = on_disk.state_of(folder)
-    running.show_batch(study, on_disk.read_request(folder) if state else None)
+    running.show_batch(workspace, study, on_disk.read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
     if len(rows):
         _show_study(workspace, study, state, rows)
         return
-    is_active = study in batch_queue().active_owners("batch")
+    is_active = own.task_owner(folder) in batch_queue().active_owners("batch")
     show.messages(
         "The table appears here within seconds of the first window that is done."
         if is_active else "The study has no rows yet."
@@ -136,7 +140,7 @@ def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
     named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
     with named:
         select(
-            "Study", {name: name for name in names}, workspace.choices["database_study"],
+            "Study", {name: _label(name) for name in names}, workspace.choices["database_study"],
             "database_study",
             lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
             help="The estimates from one folder of recordings; the one written to last is first.",
@@ -151,11 +155,21 @@ def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
             running.show_form(workspace)
     with link.popover("Link to this view", icon=":material/share:", width="stretch"):
         st.caption("It opens this study with these filters, without your session.")
-        show.address(f"Database?{urlencode(_parameters(workspace), doseq=True)}")
+        shared = own.link_to(workspace.id, workspace.choices["database_study"])
+        parameters = _parameters(workspace) | {"study": (shared,)}
+        show.address(f"Database?{urlencode(parameters, doseq=True)}")
+
+
+def _label(name: str) -> str:
+    """What the list of studies says of one."""
+    owner = name.rpartition("/")[0][1:7]
+    whose = "" if own.is_changed_by(name) else " (by a link)"
+    return own.title_of(name) + (f" (of {owner})" if owner else whose)
 
 
 def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFrame) -> None:
-    folder = on_disk.study_path(study)
+    folder = own.path_of(workspace.id, study)
+    study = folder.name
     with st.container(key="later_1_database_filters"):
         filters, method, by = _show_filters(workspace, rows)
     selected = shown(str(folder), state, tuple(filters.items()), method, by)

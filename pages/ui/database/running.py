@@ -3,10 +3,12 @@
 import math
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import streamlit as st
 
+from accpinn.errors import ConfigError
 from accpinn.methods.registry import VARIANTS
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
@@ -14,12 +16,13 @@ from accpinn.results.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
-from accpinn.study.studies import Request, studies, study_path
+from accpinn.study.studies import Request, study_path
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
+from pages.ui.database import own
 from pages.ui.session.resources import (
     batch_queue,
     folders,
@@ -39,30 +42,35 @@ KEPT_CHOICES = ("database_by", "database_tabs", "database_units")
 DEFAULT_NAME = "OpenACC"
 
 
-def _task(study: str) -> Task[BatchProgress] | None:
-    return batch_queue().of(study, "batch")
+def _task(workspace: Workspace, study: str) -> Task[BatchProgress] | None:
+    with suppress(ConfigError):  # no name of a study
+        return batch_queue().of(own.task_owner(own.path_of(workspace.id, study)), "batch")
+    return None
 
 
-def _start(study: str, request: Request) -> None:
-    task = _task(study)
-    if task is None or not task.is_active:
-        batch_queue().submit(batch_task(study, study_path(study), request))
+def _start(workspace: Workspace, study: str, request: Request) -> None:
+    task = _task(workspace, study)
+    if own.is_changed_by(study) and (task is None or not task.is_active):
+        path = own.path_of(workspace.id, study)
+        task = batch_task(own.task_owner(path), path, request)
+        batch_queue().submit(task, workspace.owner or workspace.key)
 
 
 # Watching
 
 
-def show_batch(study: str, request: Request | None) -> None:
+def show_batch(workspace: Workspace, study: str, request: Request | None) -> None:
     """The study's batch: how far it is, or how it ended, and what can be done about it."""
-    task = _task(study)
+    task, is_own = _task(workspace, study), own.is_changed_by(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")
         with bar:
             _watch(task)
-        with button:
-            stop_button(task, "Stop", "database_stop")
+        if is_own:
+            with button:
+                stop_button(task, "Stop", "database_stop")
         return
-    show_refusal(study)
+    show_refusal(workspace, study)
     if task is not None and task.status is not Status.FAILED and task.latest:
         said = summary_line(task.latest)
     elif request is not None and not request.is_finished:
@@ -73,17 +81,17 @@ def show_batch(study: str, request: Request | None) -> None:
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
     line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    if request is not None and not finished and _is_at_hand(request):
+    if request is not None and not finished and is_own and _is_at_hand(request):
         button.button(
             "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
-            key="database_continue", on_click=_start, args=(study, request),
+            key="database_continue", on_click=_start, args=(workspace, study, request),
             help="Goes on where it was: what is known is not computed again.",
         )  # fmt: skip
 
 
-def show_refusal(study: str) -> bool:
+def show_refusal(workspace: Workspace, study: str) -> bool:
     """Why the last batch of a study failed, and whether it did."""
-    task = _task(study)
+    task = _task(workspace, study)
     if task is None or task.status is not Status.FAILED:
         return False
     show.messages(task.error, "error")
@@ -145,7 +153,8 @@ def show_form(workspace: Workspace) -> None:
         help="A folder on the server; all CSV files in it and below.",
     )  # fmt: skip
     name = name_column.text_input(
-        "Name of the study", max_chars=60, **kept(workspace, "database_name", _free_name()),
+        "Name of the study", max_chars=60,
+        **kept(workspace, "database_name", _free_name(workspace)),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
     methods = st.multiselect(
@@ -177,7 +186,7 @@ def show_form(workspace: Workspace) -> None:
     if estimate and methods:
         duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
-    is_allowed = bool(name) and show.attempt(lambda: study_path(name)) is not None
+    is_allowed = bool(name) and show.attempt(lambda: _named(workspace, name)) is not None
     request = Request(
         sources=(str(path),),
         methods=tuple(methods),
@@ -193,14 +202,20 @@ def show_form(workspace: Workspace) -> None:
     )  # fmt: skip
 
 
-def _free_name() -> str:
-    known = studies()
+def _named(workspace: Workspace, name: str) -> Path:
+    """The folder of a study of that name, as it is typed."""
+    study_path(name)  # refuses what names another's
+    return own.path_of(workspace.id, name)
+
+
+def _free_name(workspace: Workspace) -> str:
+    known = own.own_studies(workspace.id)
     names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(known) + 3)))
     return next(name for name in names if name not in known)
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
-    _start(name, request)
+    _start(workspace, name, request)
     workspace.choices = {
         key: value for key, value in workspace.choices.items()
         if key in KEPT_CHOICES or not key.startswith("database_")

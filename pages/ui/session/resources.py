@@ -1,8 +1,12 @@
 """What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
 
+import logging
+import os
 from contextlib import suppress
 from functools import lru_cache
+from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 import streamlit as st
 
@@ -22,12 +26,20 @@ from accpinn.study.plan import ENDINGS, car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.tasks import TaskQueue
+from accpinn.tasks import Task, TaskQueue
+from accpinn.units import Seconds
+from pages.ui.server import is_open
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
 KEPT_CHOICES = 16
 """The latest choices of recording, vehicles and window for which is kept what follows."""
+TASK_VARIABLE, BATCH_VARIABLE = "ACCPINN_TASK_MINUTES", "ACCPINN_BATCH_MINUTES"
+"""Environment variables with the longest time of a training, comparison or download, and of a
+batch, in minutes; "inf" for none."""
+TASK_LIMIT: Seconds = 3600.0
+BATCH_LIMIT: Seconds = 12 * 3600.0
+"""Those of a server that others use, where the variables say nothing."""
 SAMPLES = shipped("sample_data")
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
@@ -42,8 +54,12 @@ TITLES = {
 once = st.cache_resource(show_spinner=False)
 """What is made once, for all browsers."""
 store, library = once(Store), once(Library)
-task_queue = once(TaskQueue)
-"""The queue of trainings and comparisons."""
+
+
+@once
+def task_queue() -> TaskQueue:
+    """The queue of trainings and comparisons."""
+    return TaskQueue(limit=limit_of(TASK_VARIABLE, TASK_LIMIT), stop_file=stop_file())
 
 
 @st.cache_resource(max_entries=KEPT, show_spinner=False)
@@ -59,13 +75,49 @@ def opened(name: str) -> Result:
 @once
 def batch_queue() -> TaskQueue:
     """The queue of batches; they may take hours, which no training should wait for."""
-    return TaskQueue(prepare=lambda: None)
+    return TaskQueue(lambda: None, limit_of(BATCH_VARIABLE, BATCH_LIMIT), stop_file())
 
 
 @once
 def download_queue() -> TaskQueue:
     """The queue of downloads."""
-    return TaskQueue(prepare=lambda: None)
+    return TaskQueue(lambda: None, limit_of(TASK_VARIABLE, TASK_LIMIT), stop_file())
+
+
+def queues() -> dict[str, TaskQueue]:
+    """The queues by the kind of task; "" for every kind that has none of its own."""
+    return {"batch": batch_queue(), "download": download_queue(), "": task_queue()}
+
+
+def queue_of(task: Task[Any]) -> TaskQueue:
+    """The queue in which a task waits."""
+    every = queues()
+    return every.get(task.kind, every[""])
+
+
+def limit_of(variable: str, limit: Seconds) -> Seconds | None:
+    """How long a task may run: as the environment says in minutes.
+
+    Without it, it is ``limit`` on a server that others use, and none on one's own computer; and
+    ``limit`` for what is no number of minutes, which the log has.
+    """
+    if not (named := os.environ.get(variable, "").strip()):
+        return limit if is_open() else None
+    try:
+        minutes = float(named)
+    except ValueError:
+        minutes = nan
+    if minutes > 0:
+        return 60 * minutes if minutes < inf else None
+    logging.getLogger(__name__).error(
+        '%s: "%s" is no number of minutes; %g hold.', variable, named[:20], limit / 60
+    )
+    return limit
+
+
+def stop_file() -> Path:
+    """The file whose change ends all tasks submitted before it: `touch` it."""
+    return folder("cache") / "stop"
 
 
 def title_of_variant(name: str) -> str:

@@ -3,11 +3,15 @@
 The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
 again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
 
-Who uses a session is one signed in through the server's provider, or anyone where there is none.
-Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml` has a
-section `[auth]`; see docs/security.md. Without it nothing is asked, and sessions are told apart by
-their secret names alone. Where that file cannot be read, or users are named without it, nobody is
-admitted: a slip in the settings must not open the server to all.
+Who uses a session is one signed in through the server's provider, or where there is none the
+browser that began it, which a cookie tells. The session's name is a secret: the server keeps and
+lists digests of it alone, and another browser that is given the address is told that it is
+somebody's. Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml`
+has a section `[auth]`; see docs/security.md. Where that file cannot be read, or users are named
+without it, nobody is admitted: a slip in the settings must not open the server to all.
+
+All sessions are one person's only where the server listens to this computer alone, knows no other
+name than this computer's, and is asked for by it without a proxy; everybody else is a stranger.
 
 The store keeps of each session the analysis on the screen and the key of the result shown, so that
 after a restart its address shows the same. A recording is never kept: one of the server's own is
@@ -19,11 +23,11 @@ import secrets
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from hashlib import sha256
+from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import msgspec
 import streamlit as st
@@ -35,8 +39,9 @@ from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Seconds
+from pages.ui.server import LOOPBACK, browser_of, is_open
 from pages.ui.session.resources import find_recording, library, once, store, task_queue
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Workspace, digest
 
 KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
@@ -58,7 +63,10 @@ USER = "user"
 """The entry in Streamlit's session state."""
 RECENT = 3
 """Other sessions that are offered to go on with."""
-LOOPBACK = ("localhost", "127.0.0.1", "::1")
+PASSED_ON = ("Forwarded", "Via", "X-Forwarded-For", "X-Forwarded-Host", "X-Real-Ip")
+"""Headers that only a proxy adds."""
+DIGEST = 64
+"""Length of a SHA-256 in hexadecimal digits; no session's name is as long."""
 
 
 # Who uses the app
@@ -73,6 +81,10 @@ class User:
     is_signed_in: bool = False
     name: str = ""
     """The verified e-mail address, else the provider's own name of the user; empty for nobody."""
+    browser: str = ""
+    """A digest of the cookie by which the browser is known; empty for one without."""
+    is_here: bool = False
+    """Whether the page is asked for by this computer's own name, and not through a proxy."""
 
 
 def recognise() -> User:
@@ -83,9 +95,30 @@ def recognise() -> User:
     if not (name and str(claims.get("email_verified", True)).lower() == "true"):
         name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
     asked = "is_logged_in" in claims or _is_meant_to_ask()
-    visitor = User(asked, signed_in, name if signed_in else "")
+    headers = connection_headers()
+    if headers:
+        cookie = browser_of(headers.get("Cookie", ""))
+        browser, is_here = digest(cookie) if cookie else "", _names_this_computer(headers)
+    else:  # the connection broke just now; a later one may still be sent what this run draws
+        browser, is_here = user().browser, user().is_here
+    visitor = User(asked, signed_in, name if signed_in else "", browser, is_here)
     st.session_state[USER] = visitor
     return visitor
+
+
+def connection_headers() -> Mapping[str, str]:
+    """Those with which the browser opened its connection; none once that is broken."""
+    return st.context.headers
+
+
+def _names_this_computer(headers: Mapping[str, str]) -> bool:
+    if any(name in headers for name in PASSED_ON):
+        return False
+    origin = headers.get("Origin", "")
+    places = [f"//{headers.get('Host', '')}", *([origin] if origin else [])]
+    with suppress(ValueError):
+        return all(urlsplit(place).hostname in LOOPBACK for place in places)
+    return False
 
 
 def user() -> User:
@@ -97,7 +130,12 @@ def user() -> User:
 def mark() -> str:
     """What the names of this user's sessions begin with; empty where nobody is asked."""
     visitor = user()
-    return f"{sha256(visitor.name.encode()).hexdigest()[:12]}-" if visitor.is_asked else ""
+    return f"{digest(visitor.name)[:12]}-" if visitor.is_asked else ""
+
+
+def key_of(session: str) -> str:
+    """The name under which the store keeps a session; nobody learns the session's own from it."""
+    return f"{mark()}{digest(session)}"
 
 
 def is_admin() -> bool:
@@ -106,8 +144,8 @@ def is_admin() -> bool:
 
 
 def is_shared() -> bool:
-    """Whether others than the person at this computer can reach the server by themselves."""
-    return str(config.get_option("server.address") or "") not in LOOPBACK
+    """Whether others than the person at this computer reach the server, or this may be one."""
+    return is_open() or not user().is_here
 
 
 def may_use() -> bool:
@@ -134,20 +172,39 @@ def _is_named(variable: str) -> bool:
 
 
 def owner_mark(session: str) -> str:
-    """The digest under which the library keeps who saved a snapshot.
+    """The digest under which the server keeps whose something is.
 
-    It is of the identity where the server asks for one, else of the session's secret name.
+    It is of the identity where the server asks for one, else of the browser's cookie, or of the
+    session's secret name for a browser without.
     """
-    return sha256((user().name or session).encode()).hexdigest()
+    return digest(user().name) if user().name else user().browser or digest(session)
+
+
+def is_own(session: str, owner: str) -> bool:
+    """Whether what has this owner is the user's to see, list and delete.
+
+    On a server that only its own computer reaches everything is, as all are one person; an
+    administrator may do the same with what is others'.
+    """
+    return sees_all() or is_admin() or owner in (owner_mark(session), digest(session))
 
 
 def may_delete(session: str, name: str) -> bool:
-    """Whether this user may delete that snapshot.
+    """Whether this user may delete that snapshot."""
+    return is_own(session, library().owner(name))
 
-    On a server that only its own computer reaches everyone may, as all are one person; else whoever
-    saved it, and an administrator.
-    """
-    return sees_all() or is_admin() or library().owner(name) == owner_mark(session)
+
+def own_snapshots(session: str) -> tuple[Entry, ...]:
+    """The snapshots that this user saved, damaged ones included; others open by their links."""
+    entries = library().entries()
+    if sees_all() or is_admin():
+        return entries
+    return tuple(entry for entry in entries if is_own(session, library().owner(entry.id)))
+
+
+def readable_snapshots(session: str) -> tuple[Entry, ...]:
+    """Those of them that can be read."""
+    return tuple(entry for entry in own_snapshots(session) if not entry.fault)
 
 
 # Their workspaces
@@ -171,17 +228,25 @@ class Workspaces:
                 self._kept[name] = (self._clock(), workspace)
             return workspace
 
-    def new(self, name: str = "") -> Workspace:
+    def new(self, name: str = "", browser: str | None = "") -> Workspace:
         """An empty one, by default under a name that nobody can guess.
 
-        Two tabs that come at once after a restart get the same one.
+        ``browser`` is the digest by which its browser is known; None where another may have begun
+        it. Two tabs that come at once after a restart get the same one.
         """
         workspace = Workspace(name or secrets.token_urlsafe(16))
+        workspace.browsers |= set() if browser is None else {browser}
         with self._lock:
             if workspace.id not in self._kept:
                 self._kept[workspace.id] = (self._clock(), workspace)
             self._forget()
             return self._kept[workspace.id][1]
+
+    def known_as(self, key: str) -> Workspace | None:
+        """The workspace that the store keeps under that name; see `key_of`."""
+        with self._lock:
+            names = list(self._kept)
+        return next((self.find(name) for name in names if key_of(name) == key), None)
 
     def _forget(self) -> None:
         """Let go of those that nobody has used for long, and of the longest unused of too many.
@@ -210,25 +275,57 @@ def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
     An expired name finds what the session had open, as far as the server has kept it. Another
-    begins a new one, and `lost_session` becomes true for this run; so does another user's.
+    begins a new one, and `lost_session` becomes true for this run; so does another user's. In one
+    that another browser began nothing is done before the user agrees: see `is_others`.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
-    is_own = asked.startswith(mark())
-    workspace = workspaces().find(asked) if is_own else None
-    document = store().session(asked) if is_own and asked and workspace is None else None
+    is_theirs = asked.startswith(mark())
+    workspace = workspaces().find(asked) if is_theirs else None
+    document = _kept_of(asked) if is_theirs and asked and workspace is None else None
     st.session_state["lost_session"] = bool(asked) and not (workspace or document)
     if workspace is None:
-        name = asked if document else f"{mark()}{secrets.token_urlsafe(16)}"
-        workspace = workspaces().new(name)
+        workspace = workspaces().new(asked, None) if document else _begun()
         if document:
             resume(workspace, document)
+    enter(workspace)
+    if not is_others(workspace):
+        workspace.owner = owner_mark(workspace.id)
+        _follow_link(workspace)
+        keep(workspace)
+    return workspace
+
+
+def _begun() -> Workspace:
+    """A new workspace of this browser."""
+    return workspaces().new(f"{mark()}{secrets.token_urlsafe(16)}", user().browser)
+
+
+def enter(workspace: Workspace) -> None:
+    """Have the address name that workspace."""
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id
-    _follow_link(workspace)
-    keep(workspace)
-    return workspace
+
+
+def begin_own() -> None:
+    """Leave the session that the address names for a new one of this browser."""
+    enter(_begun())
+
+
+def is_others(workspace: Workspace) -> bool:
+    """Whether another browser began the session, and the user of this one has not agreed to use it.
+
+    Whoever sent its address sees what is opened in it. Where users sign in, or are one person,
+    nobody opens another's.
+    """
+    is_told = sees_all() or user().is_asked
+    return not is_told and user().browser not in workspace.browsers
+
+
+def agree(workspace: Workspace) -> None:
+    """Use a session that another browser began."""
+    workspace.browsers.add(user().browser)
 
 
 # What a session shows, over restarts of the server
@@ -242,6 +339,13 @@ class Shown:
     result: str
     """Key of a training in the store, or short name of a snapshot; empty before there is one,
     when its training may still end."""
+    browsers: tuple[str, ...] = ()
+    """Digests of the cookies of those that use the session; see `is_others`."""
+
+    @property
+    def subject(self) -> tuple[str, str]:
+        """What it is about, by which equal sessions are listed once."""
+        return self.analysis.source.sha256, str(self.analysis.window)
 
 
 def keep(workspace: Workspace) -> None:
@@ -255,10 +359,17 @@ def keep(workspace: Workspace) -> None:
     if asked is None:
         return
     key = result.id or result.analysis.key if result else ""
-    document = msgspec.json.encode(dump(Shown(asked, key))[0])
+    shown = Shown(asked, key, tuple(sorted(workspace.browsers)))
+    document = msgspec.json.encode(dump(shown)[0])
     if document != workspace.kept:
         workspace.kept = document
-        store().keep_session(workspace.id, document)
+        store().keep_session(key_of(workspace.id), document)
+
+
+def _kept_of(session: str) -> bytes | None:
+    """What a session had open; earlier versions kept it under the session's own name."""
+    document = store().session(key_of(session))
+    return document or (store().session(session) if len(session) < DIGEST else None)
 
 
 def sees_all() -> bool:
@@ -266,25 +377,32 @@ def sees_all() -> bool:
     return not user().is_asked and not is_shared()
 
 
-def recent_sessions(own: str) -> list[tuple[str, Shown]]:
-    """The person's other sessions, by name, the last changed first."""
+def recent_sessions(workspace: Workspace) -> list[tuple[str, Shown]]:
+    """The person's other sessions, by the names that the store has, the last changed first."""
     if not (sees_all() or user().name):
         return []
-    latest = dict[str, tuple[str, Shown]]()
-    for name, document in store().sessions(mark(), 10 * RECENT):
+    own, latest = key_of(workspace.id), dict[tuple[str, str], tuple[str, Shown]]()
+    for key, document in store().sessions(mark(), 10 * RECENT):
         with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
             shown = restore(Shown, msgspec.json.decode(document), {})
-            if name != own:  # of equal ones the last
-                about = f"{shown.analysis.source.sha256} {shown.analysis.window}"
-                latest.setdefault(about, (name, shown))
-    return list(latest.values())[:RECENT]
+            latest.setdefault(shown.subject, (key, shown))  # of equal ones the last
+    return [(key, shown) for key, shown in latest.values() if key != own][:RECENT]
+
+
+def go_on(key: str) -> Workspace:
+    """The workspace of a session in that list, as it is or as the store has it."""
+    if workspace := workspaces().known_as(key):
+        return workspace
+    workspace = _begun()
+    if document := store().session(key):
+        resume(workspace, document)
+    return workspace
 
 
 def runs_to_see(workspace: Workspace) -> tuple[Entry, ...]:
-    """The finished runs of this computer, or of the session where others use the server."""
-    if not sees_all():
-        return workspace.runs
-    return tuple(entry for entry in store().entries() if not entry.fault)
+    """The finished runs of this computer, or of the user where others use the server."""
+    owner = "" if sees_all() else owner_mark(workspace.id)
+    return tuple(entry for entry in store().entries(session=owner) if not entry.fault)
 
 
 def resume(workspace: Workspace, document: bytes) -> None:
@@ -292,8 +410,9 @@ def resume(workspace: Workspace, document: bytes) -> None:
     with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
         shown = restore(Shown, msgspec.json.decode(document), {})
         asked = shown.analysis
+        workspace.browsers.update(shown.browsers)
         with suppress(SnapshotError):
-            workspace.restore(result_of(shown.result or asked.key))
+            workspace.restore(own_result(workspace, shown.result or asked.key))
         workspace.take(asked)
         workspace.awaited = asked
         source = asked.source
@@ -311,6 +430,34 @@ def result_of(name: str) -> Result:
     if store().has(name):
         return store().read(name)
     return library().read(name)
+
+
+def own_result(workspace: Workspace, name: str) -> Result:
+    """The same, where it is a training by the names under which the user has shown it.
+
+    Whoever has the same data has the same result, and may have named files and vehicles otherwise.
+    """
+    result = result_of(name)
+    for session in (workspace.key, owner_mark(workspace.id)):
+        if entry := store().shown_as(session, name):
+            return _named(result, entry)
+    return result
+
+
+def _named(result: Result, entry: Entry) -> Result:
+    info, source = result.info, result.analysis.source
+    if (info.source, info.labels, source.sha256) == (entry.source, entry.vehicles, entry.sha256):
+        return result
+    names = tuple(label.removeprefix(f"{number} ") for number, label in
+                  zip(entry.numbers, entry.vehicles, strict=True))  # fmt: skip
+    segments = tuple(
+        replace(segment, source=entry.source, names=names, sha256=entry.sha256)
+        for segment in result.segments
+    )
+    source = replace(source, name=entry.source, sha256=entry.sha256)
+    analysis = replace(result.analysis, source=source)
+    facts: Facts = {"campaign": entry.campaign} if entry.campaign else {}
+    return replace(result.on(segments, None), analysis=analysis, facts=facts, name="", note="")
 
 
 def _follow_link(workspace: Workspace) -> None:

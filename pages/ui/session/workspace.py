@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from hashlib import sha256
+from typing import Any, Literal, TypeVar
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
@@ -34,6 +35,7 @@ from accpinn.tasks import (
 from pages.ui.session import resources
 from pages.ui.session.pending import Pending
 
+Found = TypeVar("Found")
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
 """Where the vehicles on pages Stability and Platoon are from."""
 KEPT_RECORDINGS, KEPT_EARLIER = 4, 2 * len(VARIANTS)
@@ -51,11 +53,21 @@ Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
 
 
+def digest(secret: str) -> str:
+    """What the server keeps in place of a secret, as of a session's name."""
+    return sha256(secret.encode()).hexdigest()
+
+
 @dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, result."""
 
     id: str
+    """Its secret name, which nobody but its own browser learns."""
+    owner: str = ""
+    """Who uses it, as the store keeps that: see `pages.ui.session.sessions.owner_mark`."""
+    browsers: set[str] = field(default_factory=set)
+    """Digests of the cookies of the browsers that began it or agreed to use it."""
     recording: Recording | None = None
     pending: Pending | None = None
     """A table whose columns, or one of whose runs, are to be confirmed before it is opened."""
@@ -110,6 +122,11 @@ class Workspace:
     """Those that the store has."""
     kept: bytes = b""
     """What the store was last told of this session; see `pages.ui.session.sessions`."""
+
+    @property
+    def key(self) -> str:
+        """What the store keeps in place of its name."""
+        return digest(self.id)
 
     # What is on the screen
 
@@ -231,7 +248,7 @@ class Workspace:
     @property
     def runs(self) -> tuple[Entry, ...]:
         """The finished trainings that this session has shown, the newest first."""
-        entries = resources.store().entries(session=self.id)
+        entries = resources.store().entries(session=self.key)
         return tuple(entry for entry in entries if not entry.fault)
 
     def as_snapshot(self, name: str = "", note: str = "") -> Result:
@@ -376,9 +393,10 @@ class Workspace:
             self._record([self.result])
             self.choose_source("estimate")
             task = training_task(
-                self.id, asked, self.recording, resources.store(), self._data, anew
-            )
-            self.training = resources.task_queue().submit(task)
+                self.id, asked, self.recording, resources.store(), self._data, anew,
+                shown_to=self._shown_to,
+            )  # fmt: skip
+            self.training = self._submit(task)
 
     def estimate_car(self, vehicle: int, model: str) -> None:
         """Queue the estimate of one follower alone, in its own windows in car-following."""
@@ -388,9 +406,20 @@ class Workspace:
         windows = resources.windows_in_car_following(recording, pair) or self.windows
         asked = Analysis.of(recording, windows, pair, excluded=self.asked.excluded, model=model)
         kind = f"estimate of {recording.label(vehicle)}"
-        task = training_task(self.id, asked, recording, resources.store(), kind=kind)
-        self.cars[vehicle] = resources.task_queue().submit(task)
+        task = training_task(
+            self.id, asked, recording, resources.store(), kind=kind, shown_to=self._shown_to
+        )
+        self.cars[vehicle] = self._submit(task)
         self.choose_source("several")
+
+    def _submit(self, task: Task[Found]) -> Task[Found]:
+        """Queue a task; all sessions of a user take turns with others as one."""
+        return resources.task_queue().submit(task, self.owner or self.key)
+
+    @property
+    def _shown_to(self) -> tuple[str, ...]:
+        """Who may list what is found here: the session, and whoever uses it."""
+        return tuple(dict.fromkeys((self.key, self.owner or self.key)))
 
     @property
     def own_results(self) -> dict[int, Result]:
@@ -412,14 +441,14 @@ class Workspace:
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self.segments)
-            self.comparison = resources.task_queue().submit(task)
+            self.comparison = self._submit(task)
 
     def train_starts(self, preset: PresetName) -> None:
         """Queue a training on the windows from each of five initial values."""
         asked = self.analysis(preset)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
-            self.starts = resources.task_queue().submit(task)
+            self.starts = self._submit(task)
 
     @property
     def subjects(self) -> tuple[Subject, ...]:
@@ -433,9 +462,7 @@ class Workspace:
 
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
-        self.judgement = resources.task_queue().submit(
-            judgement_task(self.id, self.subjects, models)
-        )
+        self.judgement = self._submit(judgement_task(self.id, self.subjects, models))
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:

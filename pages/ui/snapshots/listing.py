@@ -32,7 +32,7 @@ from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
-from pages.ui.session.sessions import result_of
+from pages.ui.session.sessions import own_result
 from pages.ui.session.workspace import Workspace
 
 SECOND = SERIES[1]
@@ -288,14 +288,14 @@ def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
         first = choose_entry(workspace, "Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first]
         second = choose_entry(workspace, "Beside", f"{key}_second", others)
-        both = (result_of(run).found_in(workspace.recording) for run in (first, second))
+        both = (own_result(workspace, run).found_in(workspace.recording) for run in (first, second))
         show_both(workspace, *both)
     st.caption("The last runs are kept, with the data of their windows.")
 
 
 def restore_run(workspace: Workspace, name: str) -> None:
     """Show a training on every page, with its recording where the session or server has it."""
-    result = result_of(name)
+    result = own_result(workspace, name)
     source = result.analysis.source
     known = workspace.opened.get(source.sha256)
     with suppress(RecordingError):

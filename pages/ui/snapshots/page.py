@@ -19,7 +19,13 @@ from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.resources import library, opened
-from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
+from pages.ui.session.sessions import (
+    SNAPSHOT,
+    may_delete,
+    own_snapshots,
+    owner_mark,
+    readable_snapshots,
+)
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
@@ -53,9 +59,9 @@ def show_page(workspace: Workspace) -> None:
     with right:
         _upload_form(workspace)
     st.subheader("Kept here", anchor=False)
-    entries = library().entries()
+    entries = own_snapshots(workspace.id)
     if not entries:
-        st.caption("No snapshot is kept here yet.")
+        st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
         entries, "snapshots", lambda entry: _view(workspace, entry.id),
@@ -283,8 +289,8 @@ def _show_verification(snapshot: Result, recording: Recording | None) -> None:
 
 
 def _show_beside(workspace: Workspace, snapshot: Result, recording: Recording | None) -> None:
-    """The same beside another of the server's snapshots, which the user picks."""
-    others = [entry for entry in library().readable() if entry.id != snapshot.id]
+    """The same beside another of the user's snapshots."""
+    others = [entry for entry in readable_snapshots(workspace.id) if entry.id != snapshot.id]
     if not others:
         st.caption("No other snapshot is kept here.")
         return

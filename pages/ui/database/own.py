@@ -1,0 +1,123 @@
+"""Whose studies page Database lists: the user's own, and one that a link opens.
+
+Where all users are one person, a study is a folder below that of `ACCPINN_STUDIES`. On a server
+that others use, each user's studies lie one level lower, in a folder named by a digest of whose
+they are, so nobody learns another's names, nor meets them when choosing one. A study is called by
+its name; an administrator's list has those of others as "_DIGEST/NAME". A link has "NAME@KEY": the
+key, 128 random bits that are made when the owner first sees the study, names it in the folder
+`_links`.
+"""
+
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from accpinn.errors import AccpinnError, ConfigError
+from accpinn.storage import folder, reported, write_whole
+from accpinn.study.studies import FILE, StudyError, state_of, study_path
+from pages.ui.session.resources import batch_queue
+from pages.ui.session.sessions import is_admin, owner_mark, sees_all
+
+OWNERS, LINKS, LINK = "_", "_links", ".link"
+"""What the name of a user's folder begins with, the folder of links, and in a study the file with
+the key of its link. No study's name begins with "_" or a point."""
+DIGITS = 32
+"""Of a digest in the name of a user's folder."""
+
+
+def own_studies(session: str) -> tuple[str, ...]:
+    """The studies to list, active batches first, then the one that was written to last."""
+    place = _place(session)
+    patterns = ["*", f"{OWNERS}*/*"] if sees_all() or is_admin() else ["*"]
+    changed: dict[str, int] = {}
+    for pattern in patterns:
+        for path in place.glob(f"{pattern}/{FILE}"):
+            name = path.parent.relative_to(place).as_posix()
+            with suppress(AccpinnError):  # a link that leads elsewhere
+                changed[name] = max(state_of(path_of(session, name))[1::2], default=0)
+    # Of a batch that waits nothing may be written yet.
+    active = []
+    for owner in batch_queue().active_owners("batch"):
+        path = folder("studies") / owner
+        if path.is_relative_to(place):
+            active.append(path.relative_to(place).as_posix())
+    return tuple(dict.fromkeys((*active, *sorted(changed, key=lambda name: -changed[name]))))
+
+
+def path_of(session: str, name: str) -> Path:
+    """The folder of a study that the user may see, which need not exist.
+
+    Raises:
+        ConfigError: for what is no name, a link that is none, and another's study.
+    """
+    title, is_link, key = name.partition("@")
+    if is_link:
+        return _linked(title, key)
+    owner, _, title = name.rpartition("/")
+    if owner and not (_is_owner(owner) and (sees_all() or is_admin())):
+        raise ConfigError(f"study: there is no study {name[:60]} here.")
+    return _inside(_place(session) / owner, title)
+
+
+def is_changed_by(name: str) -> bool:
+    """Whether whoever opened a study by that name may continue and stop its batch."""
+    return "@" not in name
+
+
+def title_of(name: str) -> str:
+    """What a study is called: its own name."""
+    return name.partition("@")[0].rpartition("/")[2]
+
+
+def task_owner(path: Path) -> str:
+    """The owner of the task that fills a study."""
+    return path.relative_to(folder("studies")).as_posix()
+
+
+def link_to(session: str, name: str) -> str:
+    """The name by which others may open a study; it is made when it is first asked for.
+
+    Raises:
+        StudyError: where it cannot be written.
+    """
+    if not is_changed_by(name) or sees_all():
+        return name
+    path = path_of(session, name)
+    sentence = "{}: a link to the study cannot be made there ({})."
+    with reported(lambda reason: StudyError(sentence.format(folder("studies"), reason))):
+        with suppress(OSError):
+            return f"{path.name}@{(path / LINK).read_text()}"
+        key, links = secrets.token_hex(16), folder("studies") / LINKS
+        links.mkdir(parents=True, exist_ok=True)
+        write_whole(links / key, task_owner(path).encode())
+        write_whole(path / LINK, key.encode())
+    return f"{path.name}@{key}"
+
+
+def _place(session: str) -> Path:
+    """The folder of the user's own studies."""
+    if sees_all() or is_admin():
+        return folder("studies")
+    return folder("studies") / f"{OWNERS}{owner_mark(session)[:DIGITS]}"
+
+
+def _is_owner(name: str) -> bool:
+    digits = name.removeprefix(OWNERS)
+    return name != digits and len(digits) == DIGITS and set(digits) <= set("0123456789abcdef")
+
+
+def _linked(title: str, key: str) -> Path:
+    if len(key) == DIGITS and _is_owner(f"{OWNERS}{key}"):
+        with suppress(OSError, UnicodeDecodeError):
+            owner, _, name = (folder("studies") / LINKS / key).read_text().rpartition("/")
+            if name == title and (not owner or _is_owner(owner)):
+                return _inside(folder("studies") / owner, name)
+    raise ConfigError(f"study: the link to {title[:60]} leads to no study here.")
+
+
+def _inside(place: Path, title: str) -> Path:
+    """A study's folder in a place, which no link in it leaves."""
+    path = place / study_path(title).name
+    if path.resolve().parent != place.resolve():
+        raise ConfigError(f'study: "{title[:60]}" lies elsewhere; take another name.')
+    return path
