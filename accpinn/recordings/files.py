@@ -20,6 +20,8 @@ from accpinn.recordings.proposal import proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
 
+MOST_VEHICLES = 300
+"""Vehicles of one recording, each of which pages, findings and tables list."""
 LONGEST_SUMMARY = 200
 """Characters of what a sentence says about how columns were read."""
 
@@ -94,7 +96,7 @@ def read_all(
         return
     for run in runs:
         try:
-            yield file.checked(run.read())
+            yield file.checked(file.bounded(run.read()))
         except RecordingError as fault:
             yield fault
 
@@ -203,7 +205,7 @@ class File:
             raise self.content.refusal(fault, "leave the trajectory out")
         kind = "trajectories" if self.mapping else "platoons"
         run = choose_run(self.content, self.runs, trajectory, kind) if self.runs else None
-        return run.read() if run else openacc.read(self.content)
+        return self.bounded(run.read() if run else openacc.read(self.content))
 
     def _read_as_proposed(self, trajectory: str | None) -> Recording:
         if not self.proposal.is_supported:
@@ -211,6 +213,18 @@ class File:
             raise self.content.refusal(f"its columns leave open: {question}", _OFFER)
         file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
         return self.checked(file.read(trajectory))
+
+    def bounded(self, recording: Recording) -> Recording:
+        """The recording, unless it has more vehicles than can be listed.
+
+        Raises:
+            RecordingError: with their number.
+        """
+        vehicles = recording.speed.shape[1]
+        if vehicles > MOST_VEHICLES:
+            fault = f"it has {vehicles:,} vehicles, and {MOST_VEHICLES} are read"
+            raise self.content.refusal(fault, "split it into shorter platoons")
+        return recording
 
     def checked(self, recording: Recording) -> Recording:
         """The recording, unless nobody gave its mapping and the data contradict it.

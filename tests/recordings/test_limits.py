@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from accpinn.errors import RecordingError
-from accpinn.recordings import mapped, pairs
-from accpinn.recordings.files import opened
+from accpinn.recordings import files, mapped, pairs
+from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import (
     ByVehicle,
     CsvMapping,
@@ -49,6 +49,15 @@ def pair_table(count: int, samples: int, is_one_vehicle: bool = True) -> bytes:
         for k in range(count) for n, end in enumerate(ends)
     )  # fmt: skip
     return table(PAIRS, rows)
+
+
+def test_more_vehicles_than_can_be_listed_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    file = opened(long_table(30, 120), "a.csv", LONG)
+    assert len(file.read().vehicles) == 30
+    monkeypatch.setattr(files, "MOST_VEHICLES", 29)
+    with pytest.raises(RecordingError, match="30 vehicles"):
+        file.read()
+    assert isinstance(next(read_all(long_table(30, 120), "a.csv", mapping=LONG)), RecordingError)
 
 
 def test_a_million_vehicles_of_one_row_are_refused_at_once() -> None:
