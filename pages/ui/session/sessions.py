@@ -34,6 +34,7 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
+from accpinn.recordings import Facts
 from accpinn.serial import dump, restore
 from accpinn.study import Analysis
 from accpinn.study.result import Result
