@@ -448,7 +448,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert session.training.wait(WAIT)
         page.open_tab("train_tabs", "Errors")
         assert ("From the cache" in page.texts()) == cached
-        assert session.result.analysis.key in store().session(session.id).decode()
+        assert session.result.analysis.key in store().session(session.key).decode()
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
     page.open_tab("train_tabs", "Numbers")
@@ -594,7 +594,7 @@ def test_a_second_session_waits_and_is_told() -> None:
     first.preset = "paper"
     first.train()
     other = open_page("Train", second).press("Start training")
-    assert "yours is next" in other.texts()
+    assert "1 task of your other sessions comes first" in other.texts()
     assert second.training is not None
     assert "Stopped before it began" in other.press("Stop training").texts()
 
@@ -695,9 +695,8 @@ def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_rec
     open_page("Train", session)
     bare = open_page("Home")
     assert bare.workspace() is not session
-    named = escape_markdown(PLATOON.name)
-    (link,) = (one.proto for one in bare.get("page_link") if named in one.proto.label)
-    assert f"session={session.id}" in link.query_string
+    assert escape_markdown(PLATOON.name) in bare.button(key="home_session_0").label
+    assert session.id not in bare.everything()
     session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
     open_page("Data", session)
     assert session.result is None
