@@ -33,7 +33,7 @@ JUDGE = ("compare", STUDY, "--models")
         (1, "report", ["report", STUDY, "--out", ""]),
         (1, "SUMO", ["export", STUDY, "--json", "--sumo", ""]),
         *((1, PLATOON.name, ["fit", PLATOON, *options]) for options in OF_PLATOON),
-        *((2, "see python -m accpinn", arguments) for arguments in UNREAD),
+        *((2, " --help", arguments) for arguments in UNREAD),
         (2, "α,β,τ", [*FIT, "--initial", "1,1"]),
         (2, "a,b,T,s0,v0", [*FIT, "--model", "idm", "--preset", "fast", "--initial", "1,1,1"]),
         (2, "v0 5 to 100",

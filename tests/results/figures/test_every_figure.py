@@ -119,6 +119,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
         RUN, (1, 2), MADE[0], [on_recording.regime_ribbons(SEGMENT, label_regimes(SEGMENT))]
     ),
     "recording.motion": lambda: on_recording.motion(SEGMENT.info, SEGMENT.measured),
+    "recording.beginning": lambda: on_recording.beginning(RUN),
     "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
     "stability.bode": lambda: on_stability.bode(known_vehicles(known())),
     "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
