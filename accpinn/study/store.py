@@ -175,9 +175,9 @@ class Shelf:
             if session:
                 shown = index.execute("select name from shown where session = ?", (session,))
                 paths = {name: paths[name] for (name,) in shown if name in paths}
-                asked = "select name, entry from shown_entries where session = ?"
+                named = "select name, entry from shown_entries where session = ?"
                 as_shown = {name: _decoded(entry) for name, entry in
-                            index.execute(asked, (session,))}  # fmt: skip
+                            index.execute(named, (session,))}  # fmt: skip
             rows = index.execute("select name, state, entry from entries").fetchall()
             known = {name: (state, entry) for name, state, entry in rows}
             for name, path in paths.items():

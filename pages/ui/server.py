@@ -218,7 +218,7 @@ def watch(connections: Connections) -> Callable[[], None]:
             connections.hear(protocol.transport)
 
     before.append((AutoHTTPProtocol, "data_received", former))
-    AutoHTTPProtocol.data_received = receive  # type: ignore[method-assign]
+    AutoHTTPProtocol.data_received = receive  # type: ignore[method-assign,assignment]
     for name in ("handle_text", "handle_bytes"):  # a pong is no sign of life of a user
         follow(WebSocketsSansIOProtocol, name, hear_message)
 

@@ -27,7 +27,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import msgspec
@@ -35,6 +34,7 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
+from accpinn.recordings import Facts
 from accpinn.serial import dump, restore
 from accpinn.study import Analysis
 from accpinn.study.result import Result
@@ -457,7 +457,7 @@ def _named(result: Result, entry: Entry) -> Result:
     )
     source = replace(source, name=entry.source, sha256=entry.sha256)
     analysis = replace(result.analysis, source=source)
-    facts: dict[str, Any] = {"campaign": entry.campaign} if entry.campaign else {}
+    facts: Facts = {"campaign": entry.campaign} if entry.campaign else {}
     return replace(result.on(segments, None), analysis=analysis, facts=facts, name="", note="")
 
 
