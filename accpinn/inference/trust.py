@@ -47,8 +47,15 @@ class Trust(Finding, frozen=True):
     @property
     def is_contradicted(self) -> bool:
         """Whether the drive is not reproduced, or half of several windows say something else."""
+        return bool(self.reasons)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What the windows have against the estimate, each in a few words."""
         differs = self.windows > 1 and self.same is not None and 2 * self.same <= self.windows
-        return differs or not self.is_reproduced
+        drive = "collides in simulation" if self.collides else "misses the drive"
+        drive = drive if np.isfinite(self.rmse) else "drive not simulated"
+        return ("windows differ",) * differs + (drive,) * (not self.is_reproduced)
 
     @property
     def is_reproduced(self) -> bool:

@@ -21,7 +21,13 @@ from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.recordings import ValuesOutOfRange
 from accpinn.recordings.consistency import GapComputed, Inconsistency
-from accpinn.results.vehicles import KnownVehicles, against_model, known_vehicles, where
+from accpinn.results.vehicles import (
+    KnownVehicles,
+    Objection,
+    against_model,
+    known_vehicles,
+    where,
+)
 from accpinn.segment import SegmentInfo
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Quantity
@@ -68,10 +74,16 @@ class Row:
     is_determined: bool
     """Whether the data determine the time gap."""
     trust: Trust
-    against: tuple[str, ...]
+    against: tuple[Objection, ...]
     """What is against the estimate beside its own windows."""
     disturbance: str
     """How large the disturbances are that the estimate assumes; empty where it assumes none."""
+
+    @property
+    def objections(self) -> tuple[Objection, ...]:
+        """All that is against the estimate, its own windows included."""
+        own = (Objection(reason, self.trust.in_words) for reason in self.trust.reasons)
+        return (*self.against, *own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +160,7 @@ def view(
 
 
 def _row(
-    result: Result, trust: Trust, places: Sequence[int], against: Iterable[str],
+    result: Result, trust: Trust, places: Sequence[int], against: Iterable[Objection],
     disturbance: Finding | None,
 ) -> Row:  # fmt: skip
     estimate, first = result.estimate, places[0]
@@ -203,24 +215,28 @@ def is_least(model: str, name: str, span: Quantity) -> bool:
     return span.value <= lowest[name] + 1e-9
 
 
-def _against(result: Result, places: Sequence[int]) -> Iterator[str]:
+def _against(result: Result, places: Sequence[int]) -> Iterator[Objection]:
     """What the data, and the followers and speeds, have against an estimate."""
     info, estimate = result.info, result.estimate
     numbers = {info.vehicles[k + 1] for k in places}
     found = [finding for part in result.infos for finding in part.findings]
     gaps = [f for f in found if isinstance(f, Inconsistency) and f.follower in numbers]
     if any(finding.is_contradiction for finding in gaps):
-        yield "Do not trust it: the measured gap contradicts the speeds."
+        said = "Do not trust it: the measured gap contradicts the speeds."
+        yield Objection("gap contradicts speeds", said)
     if any(isinstance(finding, GapComputed) for finding in gaps):
-        yield "The gap was computed from the speeds, from an assumed distance on."
+        said = "The gap was computed from the speeds, from an assumed distance on."
+        yield Objection("gap computed", said)
     large = (one for one in found if isinstance(one, ValuesOutOfRange) and one.is_in_another_unit)
     if any(numbers & {*one.followers} for one in large):
-        yield "Do not trust it: measured values are too large; check their units."
+        said = "Do not trust it: measured values are too large; check their units."
+        yield Objection("values too large", said)
     unlike = (one for one in result.findings if isinstance(one, HeterogeneousFollowers))
-    yield from (one.sentence(info) for one in unlike)
+    yield from (Objection("cars differ", one.sentence(info)) for one in unlike)
     speed = estimate.stated_speed
     if not all(estimate.is_driven(speed, k) for k in places):
-        yield f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates."
+        said = f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates."
+        yield Objection("extrapolated", said)
 
 
 def incidents(evaluation: Evaluation, about: Labelled) -> tuple[str, ...]:

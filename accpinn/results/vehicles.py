@@ -7,6 +7,7 @@ them from here, so that they say the same.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,14 @@ from accpinn.units import MetresPerSecond, Quantity, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
+
+
+class Objection(NamedTuple):
+    """Evidence against an estimate."""
+
+    brief: str
+    """In a few words, for a mark."""
+    sentence: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +200,7 @@ def known_vehicles(result: Result) -> KnownVehicles:
     return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
 
 
-def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[str]:
+def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[Objection]:
     """What the measured gain has against the model for all vehicles, or those of some numbers."""
     names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
     against, over = list[str](), list[str]()
@@ -204,9 +213,11 @@ def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterat
         elif check.is_underrated:
             over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
     if against:
-        yield f"The measured gain contradicts the model for {joined(against)}."
+        said = f"The measured gain contradicts the model for {joined(against)}."
+        yield Objection("measured gain disagrees", said)
     if over:
-        yield f"The measured gain peaks above the model's: {joined(over)}."
+        said = f"The measured gain peaks above the model's: {joined(over)}."
+        yield Objection("measured gain higher", said)
 
 
 def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:

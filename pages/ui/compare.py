@@ -32,7 +32,7 @@ from accpinn.units import MetresPerSecond, nanmean
 from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
-from pages.ui.components.result import banner, show_cards
+from pages.ui.components.result import banner, show_estimate
 from pages.ui.components.show import escape_markdown, pick, segments, select, tabs
 from pages.ui.session.resources import title_of_variant
 from pages.ui.session.workspace import TITLE_OF, Workspace
@@ -139,7 +139,7 @@ def _show(workspace: Workspace, data: Segments, running: bool) -> None:
     shown = _Shown(workspace, data, workspace.compared_with_training(), follower)
     with first:
         if recommended := shown.recommended:
-            show_cards(recommended)
+            show_estimate(recommended)
             st.markdown(f"**{escape_markdown(agreement(shown.rows, recommended))}**")
         label = "Next: which model describes these cars?"
         frame.ask_which_model(workspace, label, "compare_next", "tertiary")

@@ -16,7 +16,7 @@ from accpinn.study.judge import Judgement, seconds_of
 from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import recording_needed, show_cards
+from pages.ui.components.result import recording_needed, show_estimate
 from pages.ui.components.show import KMH, escape_markdown, kept, pick
 from pages.ui.session.workspace import Workspace
 
@@ -118,7 +118,7 @@ def _estimate_cars(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
             stop_button(task, "Stop", f"models_stop_{number}")
             monitor(task)
         elif number in own and own[number].estimate.model == model:
-            show_cards(own[number])
+            show_estimate(own[number])
         else:
             row.button(
                 f"Estimate {one.info.labels[1]} with the {FOLLOWING[model].title}",

@@ -23,6 +23,7 @@ from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
 from accpinn.results.messages.estimate import contradictions
 from accpinn.results.messages.stability import not_acc, probabilities
+from accpinn.results.strip import strip_of
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment import Segment
@@ -31,6 +32,7 @@ from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
+from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -82,6 +84,7 @@ def show_page(workspace: Workspace) -> None:
         return
     chosen = source.vehicles
     windows = _windows(workspace, source)
+    place = st.container()
     row = st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon")
     numbers = st.empty()
     with row:
@@ -90,7 +93,7 @@ def show_page(workspace: Workspace) -> None:
     run = simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
     cast = Cast(chosen, tuple(order))
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
-    _show_run(workspace, source, run, cast, recorded)
+    _show_run(workspace, source, run, cast, recorded, place)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
@@ -120,37 +123,52 @@ def _show_run(
     run: PlatoonRun,
     cast: Cast,
     recorded: Segment | None,
+    place: DeltaGenerator,
 ) -> None:
-    chosen = source.vehicles
-    with st.container(border=True):
-        said = f"{words.disturbance(run, cast)} {not_acc(chosen)}".rstrip()
-        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        details = f"{words.smallest_gap(run, cast)} {words.by_linearisation(run)}".rstrip()
-        if recorded:
-            leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
-            details = (
-                f"The leader: {leader}; the platoon begins in equilibrium, and deviations are from"
-                " the speed then. The drive mixes many frequencies; for growth at one of them, see"
-                " page Stability."
-                f" {details}"
-            )
-        there, speed = source, run.leader.speed
-        if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
-            there = source.at_speed(speed)
-        if there.uncertainty:
-            odds = probabilities(chosen, there.uncertainty)
-            known = words.known_growth(source, cast, run)
-            details += f" Simulated with the estimated parameters. {known} {odds}"
-        elif not source.result:
-            details += f" {words.GIVEN_SIMULATION}"
-        st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-        show.cautions(contradictions(source.result))
+    """The strip of the vehicles that drive, at its place, and how the disturbance grows."""
+
+    def show_next() -> None:
         if source.result and source.result is workspace.result:
             label = "Next: which model describes these cars?"
-            frame.ask_which_model(workspace, label, "platoon_next", "tertiary")
+            frame.ask_which_model(workspace, label, "platoon_next")
+
+    driving = strip_of(source).of_places({*cast.order})
+    with place:
+        show_strip(driving, lambda: _show_details(source, run, cast, recorded), show_next)
+    said = words.disturbance(run, cast).replace(" %", "\N{NO-BREAK SPACE}%")
+    st.markdown(f"**{escape_markdown(said)}**")
     # The lines above name the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, cast), "warning")
+
+
+def _show_details(
+    source: KnownVehicles, run: PlatoonRun, cast: Cast, recorded: Segment | None
+) -> None:
+    """The simulation in sentences: who drives, by which parameters, and how far that is known."""
+    chosen = source.vehicles
+    said = f"{words.disturbance(run, cast)} {not_acc(chosen)}".rstrip()
+    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+    details = f"{words.smallest_gap(run, cast)} {words.by_linearisation(run)}".rstrip()
+    if recorded:
+        leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
+        details = (
+            f"The leader: {leader}; the platoon begins in equilibrium, and deviations are from"
+            " the speed then. The drive mixes many frequencies; for growth at one of them, see"
+            " page Stability."
+            f" {details}"
+        )
+    there, speed = source, run.leader.speed
+    if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
+        there = source.at_speed(speed)
+    if there.uncertainty:
+        odds = probabilities(chosen, there.uncertainty)
+        known = words.known_growth(source, cast, run)
+        details += f" Simulated with the estimated parameters. {known} {odds}"
+    elif not source.result:
+        details += f" {words.GIVEN_SIMULATION}"
+    st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
+    show.cautions(contradictions(source.result))
 
 
 def _show_charts(

@@ -15,6 +15,7 @@ from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import stability as words
 from accpinn.results.messages.estimate import assumption, contradictions
+from accpinn.results.strip import strip_of
 from accpinn.results.tables import stability as tables
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN
@@ -24,6 +25,7 @@ from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import KMH, escape_markdown, kept, pick, segments, select, tabs
+from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -50,16 +52,15 @@ def show_page(workspace: Workspace) -> None:
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
         return
-    left, right = st.columns((1, 1.35), gap="medium")
     is_nonlinear = chosen.vehicles.parameters.own.size > 0
-    with left:
-        source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
-        _show_verdict(workspace, source)
-        _show_simulate(workspace, source)
-    with right:
-        shown = _show_bode(workspace, source)
-    _show_verdicts(source)
+    source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
+    show_strip(
+        strip_of(source), lambda: _show_verdict(workspace, source),
+        lambda: _show_simulate(workspace, source),
+    )  # fmt: skip
+    shown = _show_bode(workspace, source)
     tabs(workspace, "stability", {
+        "Numbers": lambda: _show_verdicts(source),
         "Why": lambda: _show_reasons(workspace, source),
         **({"Speed": lambda: _show_speeds(source)} if is_nonlinear else {}),
         "Criteria": lambda: _show_criteria(source),
@@ -82,26 +83,28 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
 def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
-    with st.container(border=True):
-        said = words.headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
-        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        if len(chosen) > 1:
-            platoon = report.platoon
-            verdicts = (
-                ("Strictly", platoon.l2_strict, platoon.linf_strict),
-                ("Weakly", platoon.l2_weak, platoon.linf_weak),
-            )
-            lines = []
-            for name, *both in verdicts:
-                l2, linf = (verdict.word for verdict in both)
-                lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
-            why = escape_markdown(words.along_platoon(source))
-            st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
-        assumed = assumption(result, source.speed) if result else words.GIVEN_PARAMETERS
-        if result is None and workspace.parameter_source == "several":
-            assumed = SEVERAL
-        st.caption(escape_markdown(assumed))
-        show.cautions(contradictions(result))
+    said = words.headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
+    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+    if len(chosen) > 1:
+        platoon = report.platoon
+        verdicts = (
+            ("Strictly", platoon.l2_strict, platoon.linf_strict),
+            ("Weakly", platoon.l2_weak, platoon.linf_weak),
+        )
+        lines = []
+        for name, *both in verdicts:
+            l2, linf = (verdict.word for verdict in both)
+            lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
+        why = escape_markdown(words.along_platoon(source))
+        st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
+    assumed = assumption(result, source.speed) if result else words.GIVEN_PARAMETERS
+    if result is None and workspace.parameter_source == "several":
+        assumed = SEVERAL
+    st.caption(escape_markdown(assumed))
+    show.cautions(contradictions(result))
+    if result:
+        against = words.against_measured(source.checks, result.info)
+        st.caption("  \n".join(map(escape_markdown, against)))
 
 
 def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
@@ -120,19 +123,13 @@ def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
             " posterior samples on the map.",
         ):  # fmt: skip
             shown = replace(source, uncertainty=None)
-    result, measured = source.result, figures.measured_of(source)
+    measured = figures.measured_of(source)
     figure = figures.bode(shown, HEIGHT)
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
-    st.caption(
-        f"{words.about_bode(shown.uncertainty)} Click on a curve to simulate a platoon at that"
-        " frequency."
-        + " Points with bars: the measured gain and its band, faint where it is not compared."
-        * bool(measured),
-        help=words.MEASURED if measured else None,
+    show.caption(
+        "Click on a curve to simulate a platoon at that frequency.",
+        f"{words.about_bode(shown.uncertainty)} {words.MEASURED if measured else ''}".rstrip(),
     )
-    if result:
-        said = words.against_measured(source.checks, result.info)
-        st.caption("  \n".join(map(escape_markdown, said)))
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(workspace, *clicked)
     return shown
@@ -149,7 +146,8 @@ def _show_verdicts(source: KnownVehicles) -> None:
     )
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
-    st.caption(f"{linear}{posterior or ''}{GAIN}")
+    level = f"{100 * known.level:.0f} % intervals." if known else "By these parameters."
+    show.caption(level, f"{linear}{posterior or ''}{GAIN}")
     if differ := words.criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
@@ -165,7 +163,7 @@ def _show_simulate(workspace: Workspace, source: KnownVehicles) -> None:
     if not names:
         return
     which = next(iter(names))
-    with st.container(horizontal=True, vertical_alignment="center"):
+    with st.container(horizontal=True, vertical_alignment="center", width="content"):
         if len(names) > 1:
             which = select(
                 "Platoon of", names, which, "stability_simulate", workspace, labelled=False,

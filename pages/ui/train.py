@@ -25,7 +25,7 @@ from accpinn.tasks import Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import BANDS, banner, show_cards, show_result
+from pages.ui.components.result import BANDS, banner, show_estimate, show_result
 from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import segment_of, store
@@ -141,7 +141,7 @@ def _show_run(workspace: Workspace, training: Task[Result], running: bool) -> No
     data = _segments(workspace, asked)
     if point:
         st.caption("The estimate is known; its intervals follow.")
-        show_cards(_of_point(training, point, data, workspace.recording))
+        show_estimate(_of_point(training, point, data, workspace.recording))
     if history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
     truth, segment = workspace.true_parameters, data[0]
@@ -204,15 +204,13 @@ def _show_validation(workspace: Workspace) -> None:
 
 def _next_button(workspace: Workspace, result: Result) -> None:
     """The next step, and another model where this one misses the drive."""
-    with st.container(horizontal=True):
-        if st.button(
-            "Next: string stability", icon=":material/arrow_forward:", key="train_next",
-            type="primary",
-        ):  # fmt: skip
-            workspace.choose_source("estimate")
-            frame.go(frame.STABILITY, workspace)
-        if not all(trust.is_reproduced for trust in result.trust):
-            frame.ask_which_model(workspace, "Which model misses less?", "train_models")
+    if not all(trust.is_reproduced for trust in result.trust):
+        frame.ask_which_model(workspace, "Which model misses less?", "train_models")
+    if st.button(
+        "Next: string stability", icon=":material/arrow_forward:", key="train_next", type="primary"
+    ):
+        workspace.choose_source("estimate")
+        frame.go(frame.STABILITY, workspace)
 
 
 def _controls(workspace: Workspace) -> None:

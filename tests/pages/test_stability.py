@@ -56,6 +56,7 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     page = open_page("Stability", with_example())
     said = page.plain()
     assert GIVEN_PARAMETERS in said
+    said = page.open_tab("stability", "Why").plain()
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said

@@ -84,7 +84,8 @@ def cards(description: Description, *, together: bool = False) -> tuple[Card, ..
 def _card(description: Description, rows: Sequence[Row]) -> Card:
     labels = [who(row.number, description.info) for row in rows]
     places = [k for row in rows for k in row.places]
-    against, trusts = rows[0].against, [row.trust for row in rows]
+    against = [objection.sentence for objection in rows[0].against]
+    trusts = [row.trust for row in rows]
     are_several, subject = len(rows) > 1 or rows[0].number == 0, description.vehicles
     lead = [_headline(labels, are_several, description, rows)]
     lead += _gains("Their" if are_several else "Its", rows)

@@ -263,7 +263,8 @@ def headline(subject: KnownVehicles) -> str:
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    said = (*_verdicts(subject), *against_model(subject), not_acc(subject.vehicles))
+    against = (objection.sentence for objection in against_model(subject))
+    said = (*_verdicts(subject), *against, not_acc(subject.vehicles))
     return " ".join(filter(None, said))
 
 

@@ -41,11 +41,14 @@ def title(snapshot: Result) -> str:
 
 def summary(snapshot: Result) -> tuple[str, ...]:
     """The estimate of each follower, with cautions before."""
-    info = snapshot.info
-    hand = info.driven_by_hand
-    sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.estimate)]
-    sentences += [f"{card.lead} {card.trust}" for card in cards(snapshot)]
-    return tuple(sentence for sentence in sentences if sentence)
+    return (*preliminary(snapshot), *(f"{card.lead} {card.trust}" for card in cards(snapshot)))
+
+
+def preliminary(snapshot: Result) -> tuple[str, ...]:
+    """What is to be read before any number: who is driven by hand, and a training that stopped."""
+    hand = snapshot.info.driven_by_hand
+    sentences = (hand.sentence(snapshot.info) if hand else "", unfinished(snapshot.estimate))
+    return tuple(filter(None, sentences))
 
 
 def unfinished(estimate: Estimate) -> str:

@@ -36,6 +36,8 @@ from accpinn.results.description import describe
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
+from accpinn.results.figures.strip import STYLE as STRIP_STYLE
+from accpinn.results.figures.strip import strip_html
 from accpinn.results.figures.style import (
     Figure,
     axes_of,
@@ -51,6 +53,7 @@ from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as words
 from accpinn.results.reproduction import verification_table
+from accpinn.results.strip import strip_of
 from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.stability import criteria_part, known_table
@@ -122,7 +125,7 @@ def render_report(
     return template("report/page.html").render(
         story,
         style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
-        table_style=Markup(re.sub(r"</?style>", "", STYLE)),
+        table_style=Markup(re.sub(r"</?style>", "", STYLE + STRIP_STYLE)),
         plotly=Markup(get_plotlyjs()),
         script=Markup(script),
         # Inside a script element only "<" could end it early.
@@ -155,6 +158,8 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
     subject, motion = known_vehicles(snapshot), [motion_picture(snapshot)] * with_curves
+    description = describe(snapshot)
+    strip = strip_of(description.vehicles, description)
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     curves = [*curve_pictures(snapshot)] if with_curves else []
     responses, training = [*stability_pictures(snapshot)], [*training_pictures(snapshot)]
@@ -165,7 +170,9 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         **dict(zip(names, parts, strict=True)),
         "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
-        "description": describe(snapshot),
+        "description": description,
+        "strip": Markup(strip_html(strip)),
+        "strip_about": " · ".join(strip.about),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
         "words": words,
         "on_estimate": on_estimate,

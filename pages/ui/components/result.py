@@ -1,4 +1,4 @@
-"""A result on a page: cards and curves on the first screen, then one table, and tabs.
+"""A result on a page: strip and curves on the first screen, then one table, and tabs.
 
 `banner` and what is below it say of a restored result which one it is, and what would complete it.
 """
@@ -21,11 +21,13 @@ from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
 from accpinn.results.report import bundle
+from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
+from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
 from pages.ui.session.workspace import Workspace
@@ -62,14 +64,11 @@ def show_result(
     info = description.info
     sheets = tables.tables_of(description)
     parameters = sheets["parameters"]
-    cards = words.cards(description, together=True)
     checks = words.checks(description)
     about = words.about_estimate(description)
     true = words.about_truth(truth, estimate) if truth else ""
     _show_outcome(estimate.outcome)
-    _show_cards(cards)
-    if next_step:
-        next_step()
+    _show_strip(description, next_step)
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, info.labels[1:], f"{page}_follower")
         windows = [str(part.window) for part in description.infos]
@@ -102,17 +101,21 @@ def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
     return workspace.true_parameters if is_same else None
 
 
-def show_cards(result: Result) -> None:
-    """What is said first: what each car does, what is against it, and on hovering all of that."""
-    _show_cards(words.cards(describe(result), together=True))
+def show_estimate(result: Result) -> None:
+    """The strip of a result, with its sentences behind Details."""
+    _show_strip(describe(result))
 
 
-def _show_cards(cards: Sequence[words.Card]) -> None:
-    with st.container(border=True, gap="xxsmall"):
-        for card in cards:
-            lead, against, trust = map(escape_markdown, (card.lead, card.against, card.trust))
-            warning = f"  \n:orange[:material/warning:] :small[{against}]" if against else ""
-            st.markdown(f"**{lead}**{warning}", help=trust)
+def _show_strip(description: Description, next_step: Callable[[], None] | None = None) -> None:
+    strip = strip_of(description.vehicles, description)
+    show_strip(strip, lambda: _show_cards(description), next_step)
+
+
+def _show_cards(description: Description) -> None:
+    """What each car does, what is against it, and how far its windows agree."""
+    for card in words.cards(description, together=True):
+        mark = ":orange[:material/warning:] " * card.is_contradicted
+        st.markdown(f"**{escape_markdown(card.lead)}**  \n{mark}{escape_markdown(card.trust)}")
 
 
 def _show_numbers(
