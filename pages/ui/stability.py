@@ -163,19 +163,18 @@ def _show_simulate(workspace: Workspace, source: KnownVehicles) -> None:
     if not names:
         return
     which = next(iter(names))
-    with st.container(horizontal=True, vertical_alignment="center", width="content"):
-        if len(names) > 1:
-            which = select(
-                "Platoon of", names, which, "stability_simulate", workspace, labelled=False,
-                width=200,
-                help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
-            )  # fmt: skip
-        if st.button(
-            f"Simulate at the peak, {words.three(peaks[which].omega)} rad/s",
-            key="stability_open_platoon",
-            icon=":material/directions_car:",
-        ):
-            _open_platoon(workspace, peaks[which].omega, which)
+    if len(names) > 1:
+        which = select(
+            "Platoon of", names, which, "stability_simulate", workspace, labelled=False,
+            width=190,
+            help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
+        )  # fmt: skip
+    if st.button(
+        f"Simulate at {words.three(peaks[which].omega)} rad/s",
+        key="stability_open_platoon", icon=":material/directions_car:",
+        help="A platoon of these vehicles, at the frequency that it amplifies most.",
+    ):  # fmt: skip
+        _open_platoon(workspace, peaks[which].omega, which)
 
 
 def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:

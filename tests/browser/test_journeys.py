@@ -150,7 +150,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     open_tab(page, "Training")
     expect(page.locator(".js-plotly-plot")).to_have_count(7)
     page.get_by_role("button", name="Next: string stability").click()
-    expect(page.get_by_text("Both vehicles amplify disturbances")).to_be_visible()
+    expect(page.locator(".strip-mark.unstable[data-name=L₂]")).to_have_count(2)
     expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
     look(page)
     for title in ("Data", "Compare", "Database", "Platoon"):
@@ -158,7 +158,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
         expect(page).to_have_url(re.compile(f"snapshot={name}"))
         look(page)
     choose(page, "Disturbance of the leader", "As recorded")
-    expect(page.get_by_text("as recorded")).to_be_visible()
+    expect(page.get_by_text("Recorded followers")).to_be_visible()
     expect(page.locator(".vehicle-key")).to_contain_text("3 Tesla (Model3-like)")
     go(page, "Snapshots")
     expect(page.get_by_role("heading", name=NASTY)).to_be_visible()
@@ -345,7 +345,7 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
 
     choose(page, "Published set", "Ispra-Casale")
     page.get_by_text("By hand").click()
-    expect(page.get_by_text("Hyundai amplifies disturbances by up to 49 %")).to_be_visible()
+    expect(page.locator(".strip-row", has_text="Hyundai")).to_contain_text("1.49×")
     cells = page.get_by_test_id("stDataFrame").locator("canvas").first
     expect(cells).to_be_visible()
     box = cells.bounding_box()
@@ -354,7 +354,7 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
     expect(cell).to_have_value("0.0718")
     cell.fill("1.5")
     cell.press("Enter")
-    expect(page.get_by_text("Hyundai is L₂ string stable")).to_be_visible()
+    expect(page.locator(".strip-mark.stable[data-name=L₂]")).to_be_visible()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,140 @@
+"""The result strip: numbers and marks of its rows, and what its markup shows of them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf, nan
+
+import numpy as np
+import pytest
+
+from accpinn.inference.gain_check import GainCheck
+from accpinn.inference.intervals import from_draws
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.results.figures.strip import REACH, axis_around, strip_html
+from accpinn.results.figures.style import vehicle_colours
+from accpinn.results.strip import Strip, strip_of
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
+from accpinn.study.result import Result
+from accpinn.units import Quantity
+from tests.support.html import Reader
+from tests.support.snapshots import missing_the_drive, recommended, trained, two_windows
+
+LOUD, CALM = Parameters(0.08, 0.12, 1.5), Parameters(0.05, 0.6, 1.8)
+
+
+def strip(result: Result) -> Strip:
+    return strip_of(known_vehicles(result))
+
+
+@pytest.mark.parametrize("made", [trained, recommended, two_windows])
+def test_a_row_holds_what_the_estimate_says(made: Callable[[], Result]) -> None:
+    result = made()
+    shown, report = strip(result), result.stability
+    assert [row.label for row in shown.rows] == [*result.info.labels[1:]]
+    assert shown.speed == result.estimate.stated_speed
+    for k, row in enumerate(shown.rows):
+        assert row.time_gap.quantity == result.estimate.time_gap(shown.speed, k)
+        assert row.growth.quantity.value == report.vehicles[k].peak.gain
+        assert row.l2.is_point == row.linf.is_point == (result.posterior is None)
+        if known := result.uncertainty:
+            ends = (row.growth.quantity.lower, row.growth.quantity.upper)
+            assert ends == (known.peak_gain.lower[k], known.peak_gain.upper[k])
+        else:
+            assert math.isnan(row.growth.quantity.lower)
+
+
+def of_shares(*shares: float) -> Strip:
+    """Vehicles of which shares of the draws are string stable."""
+    draws = [[CALM if draw < 100 * share else LOUD for share in shares] for draw in range(100)]
+    centre = Parameters.stack([LOUD] * len(shares))
+    drawn = Parameters.of(np.array([[one.complete for one in row] for row in draws]))
+    names = tuple(f"Car {k}" for k in range(len(shares)))
+    known = from_draws(centre, drawn, 0.9)
+    return strip_of(KnownVehicles(ParameterSet("cars", names, centre), known))
+
+
+def test_a_mark_is_sure_above_95_and_below_5_percent_of_the_draws() -> None:
+    rows = of_shares(0.0, 0.04, 0.5, 0.96, 1.0).rows
+    said = [row.l2.assessment for row in rows]
+    assert said == ["unstable", "unstable", "undecided", "stable", "stable"]
+    assert not any(row.l2.is_point for row in rows)
+    assert [row.l2.assessment for row in strip_of(KnownVehicles(ASTAZERO)).rows] == 4 * ["unstable"]
+
+
+def test_trust_says_why_it_is_missing() -> None:
+    result = recommended()
+    missing, _ = missing_the_drive(result)
+    first, *others = strip(missing).rows
+    assert first.trust.is_trusted is False
+    assert {*first.trust.brief} >= {*missing.trust[0].reasons}
+    assert missing.trust[0].in_words in first.trust.why
+    assert [row.trust.brief for row in others] == [
+        row.trust.brief for row in strip(result).rows[1:]
+    ]
+    (untold, *_) = strip_of(KnownVehicles(ASTAZERO)).rows
+    assert untold.trust.is_trusted is None
+    against = GainCheck(3, 9, contradiction="damps", highest=-1.0)
+    rows = strip_of(KnownVehicles(ASTAZERO, checks=(against,))).rows
+    assert [row.trust.is_trusted for row in rows] == [True, False, True, True]
+    by_hand = replace(ASTAZERO, by_hand=(0.0, 0.0, 1.0, 0.0))
+    rows = strip_of(KnownVehicles(by_hand)).rows
+    assert [bool(row.trust.brief) for row in rows] == [False, False, True, False]
+
+
+def test_followers_that_share_their_parameters_have_one_row() -> None:
+    result = recommended()
+    shared = replace(result, estimate=replace(result.estimate, case="I"))
+    shared.__dict__.pop("trust", None)
+    (row,) = strip(shared).rows
+    assert row.number == 0
+    assert shared.info.followers > 1
+
+
+def test_some_vehicles_alone_keep_their_colours() -> None:
+    whole = strip_of(KnownVehicles(ASTAZERO))
+    part = whole.of_places({2})
+    assert [row.label for row in part.rows] == [ASTAZERO.labels[2]]
+    colours = vehicle_colours(ASTAZERO.vehicles)
+    html = strip_html(part)
+    assert colours[3] in html
+    assert not any(colour in html for colour in (*colours[:3], *colours[4:]))
+
+
+def test_an_axis_holds_values_and_all_but_far_too_wide_intervals() -> None:
+    axis = axis_around([Quantity(1.0, 0.8, 1.3), Quantity(1.2, nan, nan)], 0.2)
+    assert axis.low < 0.8 < 1.3 < axis.high
+    assert axis.at(0.8) < axis.at(1.0) < axis.at(1.2) < axis.at(1.3) < 100
+    wide = axis_around([Quantity(1.0, 0.2, 50.0)], 0.2)
+    assert wide.at(1.0) > 30
+    assert wide.at(50.0) == 100
+    endless = axis_around([Quantity(inf, 1.2, inf), Quantity(1.1, 1.0, 1.2)], 0.2, 1.0)
+    assert endless.at(1.0) < endless.at(1.1) < endless.at(inf) == 100
+    assert endless.high < 3 * REACH
+    for nothing in ([], [Quantity(nan, nan, nan)]):
+        assert axis_around(nothing, 0.2).low < axis_around(nothing, 0.2).high
+
+
+def test_the_markup_has_a_reason_for_every_point_and_mark_and_no_html_of_a_name() -> None:
+    named = replace(ASTAZERO, labels=("<b>A</b>", *ASTAZERO.labels[1:]))
+    html = strip_html(strip_of(KnownVehicles(named)))
+    reader = Reader(html)
+    assert "<b>A</b>" not in html
+    assert "<b>A</b>" in " ".join(text for _, text in reader.texts)
+    whys = reader.having("data-why")
+    assert len(whys) == 5 * 4
+    assert all(of["data-why"] and of["tabindex"] == "0" for of in whys)
+    points = strip_html(strip(trained()))
+    assert ("<u" in points, "<u" in strip_html(strip(recommended()))) == (False, True)
+
+
+def test_what_is_not_determined_has_no_point() -> None:
+    result = trained()
+    values = result.parameters.values.copy()
+    values[0] = nan
+    lost = replace(result, estimate=replace(result.estimate, parameters=Parameters.of(values)))
+    row = strip(lost).rows[0]
+    assert math.isnan(row.time_gap.quantity.value)
+    assert row.l2.assessment == "not determined"
+    assert "nan" not in strip_html(strip(lost))
