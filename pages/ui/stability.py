@@ -56,7 +56,8 @@ def show_page(workspace: Workspace) -> None:
     source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
     show_strip(
         strip_of(source), lambda: _show_verdict(workspace, source),
-        lambda: _show_simulate(workspace, source),
+        lambda: _show_simulate(workspace, source), "stability",
+        lambda vehicle: _choose_vehicle(workspace, vehicle),
     )  # fmt: skip
     shown = _show_bode(workspace, source)
     tabs(workspace, "stability", {
@@ -67,6 +68,12 @@ def show_page(workspace: Workspace) -> None:
         "Map": lambda: _show_map(workspace, shown),
         "Measured": lambda: _show_measured(workspace, shown),
     })  # fmt: skip
+
+
+def _choose_vehicle(workspace: Workspace, vehicle: int) -> None:
+    """Let the tabs and the simulation be about one vehicle, 0 for the first."""
+    of_vehicle = ("stability_simulate", "stability_held", "stability_measured")
+    workspace.choices.update(dict.fromkeys(of_vehicle, vehicle), stability_reasons=vehicle + 1)
 
 
 def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:

@@ -107,6 +107,30 @@ def idle(page: Page) -> None:
 # What journeys and pictures do on the pages.
 
 
+WORDS = """isFold => {
+  const main = document.querySelector("[data-testid=stMainBlockContainer]");
+  const apart = ".js-plotly-plot, svg, style, script, [data-testid=stIconMaterial]";
+  const texts = document.createTreeWalker(main, NodeFilter.SHOW_TEXT);
+  const words = [];
+  for (let text; (text = texts.nextNode());) {
+    const place = text.parentElement;
+    if (place.closest(apart) || !place.checkVisibility({ visibilityProperty: true })) continue;
+    const range = document.createRange();
+    range.selectNodeContents(text);
+    const box = range.getBoundingClientRect();
+    if (!box.width || !box.height || (isFold && box.top >= innerHeight)) continue;
+    words.push(...text.data.split(/\\s+/).filter((word) => /[\\p{L}\\p{N}]/u.test(word)));
+  }
+  return words;
+}"""
+"""What is read on the main area without its charts: the open tab and cells of tables included."""
+
+
+def words(page: Page, is_fold: bool = False) -> list[str]:
+    """The words and numbers that the page shows, or those that it shows without scrolling."""
+    return list(page.evaluate(WORDS, is_fold))
+
+
 def go(page: Page, title: str) -> None:
     """To another page by the sidebar."""
     page.get_by_test_id("stSidebar").get_by_role("link", name=title, exact=True).click()

@@ -68,7 +68,11 @@ def show_result(
     about = words.about_estimate(description)
     true = words.about_truth(truth, estimate) if truth else ""
     _show_outcome(estimate.outcome)
-    _show_strip(description, next_step)
+    strip = strip_of(description.vehicles, description)
+    show_strip(
+        strip, lambda: _show_cards(description), next_step, page,
+        workspace.keep(f"{page}_follower"),
+    )  # fmt: skip
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, info.labels[1:], f"{page}_follower")
         windows = [str(part.window) for part in description.infos]
@@ -103,12 +107,9 @@ def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
 
 def show_estimate(result: Result) -> None:
     """The strip of a result, with its sentences behind Details."""
-    _show_strip(describe(result))
-
-
-def _show_strip(description: Description, next_step: Callable[[], None] | None = None) -> None:
+    description = describe(result)
     strip = strip_of(description.vehicles, description)
-    show_strip(strip, lambda: _show_cards(description), next_step)
+    show_strip(strip, lambda: _show_cards(description))
 
 
 def _show_cards(description: Description) -> None:

@@ -1,0 +1,78 @@
+"""How much there is to read on a page with a result, and the strip that stands for sentences."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.browser.conftest import Open
+from tests.browser.running import TRAINING_MS, go, idle, upload, words
+
+pytestmark = pytest.mark.browser
+FOLD, PAGE = 150, 350
+"""Most words on the screen of 1440 by 900 at first, and on the page."""
+REAL = os.environ.get("OPENACC_DIR")
+FOUR_CARS = "AstaZero/ASta_040719_platoon5.csv"
+LONGEST_MS = 3 * TRAINING_MS
+
+
+def trained(page: Page, file: str) -> None:
+    """A training of the sample, or of the windows of a real recording."""
+    if file:
+        upload(page, Path(REAL or "") / file)
+        page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).click()
+    else:
+        page.get_by_role("button", name="Train a sample now").click()
+    page.get_by_role("button", name="Next: string stability").wait_for(timeout=LONGEST_MS)
+    idle(page)
+
+
+@pytest.mark.parametrize(
+    ("start", "file"),
+    [
+        ("/", ""),
+        pytest.param("/Data", FOUR_CARS, marks=pytest.mark.skipif(not REAL, reason="no OpenACC")),
+    ],
+)
+def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
+    page = opened(start)
+    page.set_viewport_size({"width": 1440, "height": 900})
+    trained(page, file)
+    counts = {}
+    for title in ("Train", "Stability", "Platoon"):
+        go(page, title)
+        expect(page.locator(".strip-row[data-row]").first).to_be_visible()
+        expect(page.locator(".js-plotly-plot").first).to_be_visible()
+        idle(page)
+        counts[title] = len(words(page, is_fold=True)), len(words(page))
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    print(file or "sample", counts)
+    assert all(0 < fold <= FOLD and fold <= whole <= PAGE for fold, whole in counts.values()), (
+        counts
+    )
+
+
+def test_a_row_gives_its_reasons_and_opens_its_car(opened: Open) -> None:
+    page = opened("/")
+    trained(page, "")
+    row = page.locator(".strip-row[data-row='1']")
+    mark = row.locator(".strip-mark").first
+    reason = mark.get_attribute("data-why")
+    mark.focus()
+    shown = mark.evaluate("mark => getComputedStyle(mark, '::after').content")
+    assert reason
+    assert reason in shown
+    name = row.get_by_role("rowheader").inner_text()
+    follower = page.get_by_role("combobox", name="Follower")
+    expect(follower).not_to_have_value(name)
+    row.get_by_role("rowheader").click()
+    expect(follower).to_have_value(name)
+    page.set_viewport_size({"width": 420, "height": 900})
+    box, first = (of.bounding_box() for of in (mark, row.get_by_role("rowheader")))
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    assert box
+    assert first
+    assert box["y"] > first["y"] + first["height"], "the row wraps under the car's name"
+    assert box["x"] + box["width"] < 420
