@@ -26,7 +26,8 @@ from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
-from pages.ui.stability import clicked_point
+from pages.ui.laboratory import FOLLOWERS as REPEATED
+from pages.ui.laboratory import take_click
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -303,9 +304,9 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 @pytest.mark.parametrize(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
-def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    page = open_page("Stability", with_example()).choose("stability_simulate", which)
-    session = page.press("stability_open_platoon").workspace()
+def test_the_laboratory_leads_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
+    page = open_page("Stability", with_example()).choose("laboratory_platoon", which)
+    session = page.press("laboratory_open_platoon").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
     omega = session.choices["platoon_sinusoid_frequency"]
@@ -334,10 +335,38 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     assert "needs the recorded speeds" in alone.boxes("info")[0]
 
 
-def test_a_click_is_a_frequency_and_a_vehicle() -> None:
-    assert clicked_point([]) is None
-    for data, vehicle in ((2, 2), ([2], 2), (-1, -1), (None, -1)):
-        assert clicked_point([{"x": 0.3, "y": 1.0, "customdata": data}]) == (0.3, vehicle)
+def test_a_click_chooses_a_frequency_and_a_vehicle() -> None:
+    session, offered = sessions.workspaces().new(), (0.1, 0.3, 1.0)
+    take_click(session, {"selection": {"points": []}}, offered)
+    assert not session.choices
+    for data, vehicle in ((2, 2), ([3], 3), (-1, -1), (None, -1)):  # None: a measured gain
+        point = {"x": 0.29, "y": 1.0, "customdata": data}
+        take_click(session, {"selection": {"points": [point]}}, offered)
+        assert session.choices == {"laboratory_frequency": 0.3, "laboratory_platoon": vehicle}
+
+
+def laboratory(page: Page) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The response and the waves, as the page shows them."""
+    response, waves, *_ = page.figures()
+    return response, waves
+
+
+def shown_frequency(page: Page) -> float:
+    """The frequency that is marked in the response and driven by the waves' leader, in rad/s."""
+    response, waves = laboratory(page)
+    (mark,) = (trace for trace in response["data"] if trace.get("name") == "chosen frequency")
+    (omega,) = {*numbers(mark["x"]).tolist()}
+    (leader,) = (trace for trace in waves["data"] if trace["name"] == "Leader")
+    time, speed = numbers(leader["x"]), numbers(leader["y"])
+    np.testing.assert_allclose(speed, np.sin(omega * time), atol=1e-4)
+    return omega
+
+
+def test_one_frequency_drives_response_and_platoon() -> None:
+    page = open_page("Stability", with_example())
+    peaks = [vehicle.peak for vehicle in stability_report(ASTAZERO.parameters).vehicles]
+    assert shown_frequency(page) == pytest.approx(peaks[0].omega, rel=1e-3), "the most amplifying"
+    page.choose("laboratory_frequency", page.widget("laboratory_frequency").options_of(0.1))
 
 
 # The page Platoon
