@@ -68,7 +68,7 @@ def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
     peak = nearest(_peak(source, which) or Sinusoid.frequency, offered)
     omega = nearest(workspace.choices.get(FREQUENCY, peak), offered)
     with row:
-        with st.container(width="stretch"):
+        with st.container(width="stretch", key="laboratory_slider"):
             st.select_slider(
                 "Frequency of the leader's speed", offered, format_func=_named,
                 help="A click on a curve chooses this frequency and its car.",

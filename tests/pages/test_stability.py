@@ -26,8 +26,6 @@ from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
-from pages.ui.laboratory import FOLLOWERS as REPEATED
-from pages.ui.laboratory import take_click
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -60,15 +58,15 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 2
+    assert len(page.open_tab("stability", "Criteria").figures()) == 3
 
     page.open_tab("stability", "Map")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
-    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in page.plain()
     page.choose("frame_pictures", "PNG")
-    (_, plane) = page.get("plotly_chart")
+    (_, _, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
     page.choose("parameters_example", CASALE.title)
@@ -321,52 +319,18 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     session = fitted()
     page = open_page("Stability", session).open_tab("stability", "Measured")
     page.choose("stability_measured", 1)
-    chart = {trace.get("name"): trace for trace in page.figures()[1]["data"]}
+    chart = {trace.get("name"): trace for trace in page.figures()[2]["data"]}
     label = session.segment.labels[2]
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
-    assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
+    assert not any("model" in one.get("name", "") for one in page.figures()[2]["data"])
     page.choose("parameters_example", CASALE.title)
-    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
+    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[2]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]
     alone = open_page("Stability", with_example()).open_tab("stability", "Measured")
     assert "needs the recorded speeds" in alone.boxes("info")[0]
-
-
-def test_a_click_chooses_a_frequency_and_a_vehicle() -> None:
-    session, offered = sessions.workspaces().new(), (0.1, 0.3, 1.0)
-    take_click(session, {"selection": {"points": []}}, offered)
-    assert not session.choices
-    for data, vehicle in ((2, 2), ([3], 3), (-1, -1), (None, -1)):  # None: a measured gain
-        point = {"x": 0.29, "y": 1.0, "customdata": data}
-        take_click(session, {"selection": {"points": [point]}}, offered)
-        assert session.choices == {"laboratory_frequency": 0.3, "laboratory_platoon": vehicle}
-
-
-def laboratory(page: Page) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The response and the waves, as the page shows them."""
-    response, waves, *_ = page.figures()
-    return response, waves
-
-
-def shown_frequency(page: Page) -> float:
-    """The frequency that is marked in the response and driven by the waves' leader, in rad/s."""
-    response, waves = laboratory(page)
-    (mark,) = (trace for trace in response["data"] if trace.get("name") == "chosen frequency")
-    (omega,) = {*numbers(mark["x"]).tolist()}
-    (leader,) = (trace for trace in waves["data"] if trace["name"] == "Leader")
-    time, speed = numbers(leader["x"]), numbers(leader["y"])
-    np.testing.assert_allclose(speed, np.sin(omega * time), atol=1e-4)
-    return omega
-
-
-def test_one_frequency_drives_response_and_platoon() -> None:
-    page = open_page("Stability", with_example())
-    peaks = [vehicle.peak for vehicle in stability_report(ASTAZERO.parameters).vehicles]
-    assert shown_frequency(page) == pytest.approx(peaks[0].omega, rel=1e-3), "the most amplifying"
-    page.choose("laboratory_frequency", page.widget("laboratory_frequency").options_of(0.1))
 
 
 # The page Platoon

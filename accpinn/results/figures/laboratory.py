@@ -165,9 +165,9 @@ def steady_waves(cast: Cast, omega: RadiansPerSecond, height: int) -> go.Figure:
                 WIDTHS[k > 0], legendrank=k,
                 hover=f"%{{y:+.2f}} m/s at %{{x:.1f}} s<extra>{html.escape(name)}</extra>",
             )  # fmt: skip
-    along = response(platoon, np.array([omega]))[:, 0]
     settled = np.asarray(np.isfinite(moved).all(axis=0))
-    here = float(np.max(np.abs(np.cumprod(along)), where=settled[1:], initial=1.0))
+    gains = np.abs(response(platoon, np.array([omega]))[settled[1:], 0])
+    here = float(np.max(np.cumprod(gains), initial=1.0))
     top = ROOM * AMPLITUDE * max(here, _largest_growth(cast))
     _mark_period(chart, period, top)
     if not settled.all():
