@@ -306,7 +306,7 @@ def most_amplifying(subject: KnownVehicles) -> str:
     if kind != "unstable":
         return f"{capital(spoken[most])} may amplify disturbances: {by}."
     if len(spoken) == 1:
-        return f"{capital(spoken[most])} amplifies disturbances {by}."
+        return f"{capital(spoken[most])} amplifies {by}."
     if len(amplifying) == len(spoken):
         return f"{capital(all_of(len(spoken), 'vehicles'))} amplify, {spoken[most]} most: {by}."
     return f"{capital(spoken[most])} amplifies most: {by}."
