@@ -1,7 +1,4 @@
-"""The page Stability: the verdict beside the Bode magnitude, a table, and details in tabs."""
-
-from dataclasses import replace
-from typing import Any
+"""The page Stability: the frequency laboratory, the verdict, a table, and details in tabs."""
 
 import numpy as np
 import streamlit as st
@@ -21,19 +18,16 @@ from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import KMH, escape_markdown, kept, pick, segments, select, tabs
+from pages.ui.components.show import KMH, escape_markdown, pick, segments, tabs
 from pages.ui.components.strip import show_strip
+from pages.ui.laboratory import PLATOON as SIMULATED
+from pages.ui.laboratory import show_laboratory
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
-HEIGHT = 370
-"""Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
-WHOLE = -1
-"""Stands for the platoon in place of one vehicle's index."""
 MOST_REASONS = 5
 """Vehicles and platoon whose reasons stand together; of more, one is chosen."""
 PLATOON = (
@@ -55,11 +49,11 @@ def show_page(workspace: Workspace) -> None:
     is_nonlinear = chosen.vehicles.parameters.own.size > 0
     source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
     show_strip(
-        strip_of(source), lambda: _show_verdict(workspace, source),
-        lambda: _show_simulate(workspace, source), "stability",
+        strip_of(source), lambda: _show_verdict(workspace, source), None, "stability",
         lambda vehicle: _choose_vehicle(workspace, vehicle),
     )  # fmt: skip
-    shown = _show_bode(workspace, source)
+    shown = show_laboratory(workspace, source)
+    _show_bode_notes(shown)
     tabs(workspace, "stability", {
         "Numbers": lambda: _show_verdicts(source),
         "Why": lambda: _show_reasons(workspace, source),
@@ -72,7 +66,7 @@ def show_page(workspace: Workspace) -> None:
 
 def _choose_vehicle(workspace: Workspace, vehicle: int) -> None:
     """Let the tabs and the simulation be about one vehicle, 0 for the first."""
-    of_vehicle = ("stability_simulate", "stability_held", "stability_measured")
+    of_vehicle = (SIMULATED, "stability_held", "stability_measured")
     workspace.choices.update(dict.fromkeys(of_vehicle, vehicle), stability_reasons=vehicle + 1)
 
 
@@ -114,32 +108,15 @@ def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
         st.caption("  \n".join(map(escape_markdown, against)))
 
 
-def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
-    """The chart; a click on a curve leads to the platoon at that frequency.
-
-    Returns:
-        The vehicles as charts show them: without uncertainty where the user wants to see none.
-    """
-    chosen, shown = source.vehicles, source
-    whole = "leader to last follower" if len(chosen) > 1 else ""
-    with st.container(horizontal=True):
-        show.key(zip(chosen.labels, figures.colours(chosen), strict=True), dashed=whole)
-        if source.uncertainty and not st.toggle(
-            "Uncertainty", **kept(workspace, "stability_uncertainty", True),
-            help="Bands of the Bode magnitude and of the model beside the measured gain, and"
-            " posterior samples on the map.",
-        ):  # fmt: skip
-            shown = replace(source, uncertainty=None)
+def _show_bode_notes(source: KnownVehicles) -> None:
+    """What the marks of the laboratory's charts are."""
     measured = figures.measured_of(source)
-    figure = figures.bode(shown, HEIGHT)
-    event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
-    show.caption(
-        "Click on a curve to simulate a platoon at that frequency.",
-        f"{words.about_bode(shown.uncertainty)} {words.MEASURED if measured else ''}".rstrip(),
+    st.caption(
+        words.about_bode(source.uncertainty)
+        + " Points with bars: the measured gain and its band, faint where it is not compared."
+        * bool(measured),
+        help=words.MEASURED if measured else None,
     )
-    if clicked := clicked_point(event["selection"]["points"]):
-        _open_platoon(workspace, *clicked)
-    return shown
 
 
 def _show_verdicts(source: KnownVehicles) -> None:
@@ -158,53 +135,6 @@ def _show_verdicts(source: KnownVehicles) -> None:
     if differ := words.criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
-
-
-def _show_simulate(workspace: Workspace, source: KnownVehicles) -> None:
-    """One vehicle or the platoon chosen, and a button; nothing where none has a peak."""
-    chosen, report = source.vehicles, source.report
-    peaks = {WHOLE: report.platoon.peaks[-1]} if len(chosen) > 1 else {}
-    peaks |= {k: vehicle.peak for k, vehicle in enumerate(report.vehicles)}
-    names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k]
-             for k, peak in peaks.items() if peak.omega}  # fmt: skip
-    if not names:
-        return
-    which = next(iter(names))
-    if len(names) > 1:
-        which = select(
-            "Platoon of", names, which, "stability_simulate", workspace, labelled=False,
-            width=190,
-            help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
-        )  # fmt: skip
-    if st.button(
-        f"Simulate at {words.three(peaks[which].omega)} rad/s",
-        key="stability_open_platoon", icon=":material/directions_car:",
-        help="A platoon of these vehicles, at the frequency that it amplifies most.",
-    ):  # fmt: skip
-        _open_platoon(workspace, peaks[which].omega, which)
-
-
-def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
-    """Frequency and vehicle of the point clicked on; None where there is none."""
-    vehicle = show.clicked_data(points)
-    if not points:
-        return None
-    return float(points[0]["x"]), WHOLE if vehicle is None else int(vehicle)
-
-
-def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
-    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
-    workspace.choices.pop("platoon_sinusoid_speed", None)  # the one chosen here instead
-    workspace.choices.update(
-        platoon_order="learned" if vehicle == WHOLE else "repeated",
-        platoon_vehicle=max(vehicle, 0),
-        platoon_sinusoid_frequency=float(f"{omega:.4g}"),
-        platoon_kind="sinusoid",
-    )
-    frame.go(frame.PLATOON, workspace)
-
-
-# Tabs
 
 
 def _show_speeds(source: KnownVehicles) -> None:

@@ -26,7 +26,6 @@ from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
-from pages.ui.stability import clicked_point
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -60,15 +59,15 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 2
+    assert len(page.open_tab("stability", "Criteria").figures()) == 3
 
     page.open_tab("stability", "Map")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
-    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in page.plain()
     page.choose("frame_pictures", "PNG")
-    (_, plane) = page.get("plotly_chart")
+    (_, _, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
     page.choose("parameters_example", CASALE.title)
@@ -304,9 +303,9 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 @pytest.mark.parametrize(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
-def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    page = open_page("Stability", with_example()).choose("stability_simulate", which)
-    session = page.press("stability_open_platoon").workspace()
+def test_the_laboratory_leads_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
+    page = open_page("Stability", with_example()).choose("laboratory_platoon", which)
+    session = page.press("laboratory_open_platoon").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
     omega = session.choices["platoon_sinusoid_frequency"]
@@ -321,24 +320,18 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     session = fitted()
     page = open_page("Stability", session).open_tab("stability", "Measured")
     page.choose("stability_measured", 1)
-    chart = {trace.get("name"): trace for trace in page.figures()[1]["data"]}
+    chart = {trace.get("name"): trace for trace in page.figures()[2]["data"]}
     label = session.segment.labels[2]
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
-    assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
+    assert not any("model" in one.get("name", "") for one in page.figures()[2]["data"])
     page.choose("parameters_example", CASALE.title)
-    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
+    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[2]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]
     alone = open_page("Stability", with_example()).open_tab("stability", "Measured")
     assert "needs the recorded speeds" in alone.boxes("info")[0]
-
-
-def test_a_click_is_a_frequency_and_a_vehicle() -> None:
-    assert clicked_point([]) is None
-    for data, vehicle in ((2, 2), ([2], 2), (-1, -1), (None, -1)):
-        assert clicked_point([{"x": 0.3, "y": 1.0, "customdata": data}]) == (0.3, vehicle)
 
 
 # The page Platoon

@@ -44,6 +44,8 @@ def choose(kind: str, widget: Any, dice: random.Random) -> WidgetState:
     if kind == "multiselect":
         most = min(widget.proto.max_selections or len(options), len(options))
         return state(string_array_value={"data": dice.sample(options, dice.randint(0, most))})
+    if kind == "select_slider":
+        return state(string_array_value={"data": [dice.choice(options)]})
     if kind == "slider":
         ends = sorted(round(dice.uniform(widget.min, widget.max), 1) for _ in widget.value)
         return state(double_array_value={"data": ends})

@@ -26,7 +26,7 @@ PAGES = {"Home": "app.py"} | {
 """Their scripts by their titles."""
 WIDGETS = (
     "button_group", "selectbox", "multiselect", "number_input", "text_input", "toggle", "checkbox",
-    "slider",
+    "slider", "select_slider",
 )  # fmt: skip
 """What a value is chosen with."""
 MINUTE = Window(0.0, 60.0)

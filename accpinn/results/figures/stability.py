@@ -81,6 +81,8 @@ LEAST_PEAK = 4.0
 """Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
 """dB that stands for a gain of zero."""
+WHOLE, WHOLE_NAME = -1, "Leader to last follower"
+"""The platoon in place of one vehicle's index, and the name of its curve."""
 
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
@@ -104,13 +106,13 @@ def measured_of(subject: KnownVehicles) -> list[tuple[str, str, MeasuredGain]]:
 def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
-    Every point carries the vehicle's index as its custom data, -1 for the whole platoon. The
+    Every point carries the vehicle's index as its custom data, `WHOLE` for the whole platoon. The
     uncertainty adds the interval of |H| under the curve of every vehicle whose parameters are
     determined. Measured gains are points with bars. The height is in pixels.
     """
     vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
     measured = measured_of(subject)
-    omega, paints = _frequencies(report), colours(vehicles)
+    omega, paints = frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
     tops = [*(vehicle.peak.db for vehicle in report.vehicles), report.platoon.peaks[-1].db, 1.0]
@@ -127,10 +129,10 @@ def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     for one in measured:
         _draw_measured(chart, *one, top)
     for k, (label, colour) in enumerate(zip(vehicles.labels, paints, strict=True)):
-        _draw_clickable(chart, omega, gains[k], k, label, colour)
+        draw_clickable(chart, omega, decibels(gains[k]), k, label, colour)
     if len(vehicles) > 1:
         whole = gains.prod(axis=0)
-        _draw_clickable(chart, omega, whole, -1, "Leader to last follower", style.LEADER)
+        draw_clickable(chart, omega, decibels(whole), WHOLE, WHOLE_NAME, style.LEADER)
     _draw_peaks(chart, vehicles, report)
     ends = np.log10(omega[[0, -1]]).tolist()
     chart.axis("x", AXIS_OF_FREQUENCY, type="log", range=ends, **TICKS)
@@ -163,7 +165,7 @@ def _draw_measured(
         )  # fmt: skip
 
 
-def _frequencies(report: StabilityReport) -> FloatArray:
+def frequencies(report: StabilityReport) -> FloatArray:
     """(K,) evenly spaced on a logarithmic axis, with the peaks and crossovers in sight."""
     edges = [vehicle.crossover for vehicle in report.vehicles if vehicle.crossover]
     tops = [vehicle.peak.omega for vehicle in report.vehicles if vehicle.peak.omega]
@@ -174,17 +176,17 @@ def _frequencies(report: StabilityReport) -> FloatArray:
     )
 
 
-def _draw_clickable(
-    chart: style.Chart, omega: FloatArray, gain: FloatArray, which: int, name: str, colour: str
-) -> None:
-    """Draw a curve of |H|. Only markers can be clicked, so it has some that are not seen."""
-    is_vehicle = which >= 0
+def draw_clickable(
+    chart: style.Chart, omega: FloatArray, values: FloatArray, which: int, name: str, colour: str,
+    hover: str = AT,
+) -> None:  # fmt: skip
+    """Draw a curve. Only one with markers can be clicked, so it has one that is not seen."""
+    is_vehicle, hidden = which >= 0, {"marker": {"opacity": 0}}
     chart.line(
-        omega, decibels(gain), name, colour, 2.2 if is_vehicle else 2,
-        "solid" if is_vehicle else "dash", hover=f"{AT}<extra>{html.escape(name)}</extra>",
-        marker={"opacity": 0, "size": 9, "color": colour}, mode="lines+markers",
-        customdata=np.full(len(omega), which),
-        selected={"marker": {"opacity": 0.9}}, unselected={"marker": {"opacity": 0}},
+        omega, values, name, colour, 2.2 if is_vehicle else 2,
+        "solid" if is_vehicle else "dash", hover=f"{hover}<extra>{html.escape(name)}</extra>",
+        marker={"opacity": 0, "size": 9, "color": colour, "maxdisplayed": 1}, mode="lines+markers",
+        customdata=np.full(len(omega), which), selected=hidden, unselected=hidden,
     )  # fmt: skip
 
 

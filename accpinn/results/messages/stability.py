@@ -283,6 +283,36 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
                 yield "But peaks can still grow: see the L∞ gain."
 
 
+def most_amplifying(subject: KnownVehicles) -> str:
+    """The vehicle that amplifies most, and by how much, in twenty words beside its name."""
+    report, spoken = subject.report, subject.vehicles.spoken
+    peaks = [vehicle.peak for vehicle in report.vehicles]
+    judged = [k for k, kind in enumerate(subject.assessed) if kind != "not determined"]
+    if not judged:
+        return "The data do not determine whether these vehicles amplify disturbances."
+    most = max(judged, key=lambda k: peaks[k].gain)
+    kind, at = subject.assessed[most], f"at {three(peaks[most].omega)} rad/s"
+    amplifying = [k for k in judged if subject.assessed[k] == "unstable"]
+    if kind == "stable" and not amplifying:
+        several = all_of(len(spoken), "vehicles") if len(spoken) > 1 else spoken[0]
+        every = judged == [*range(len(spoken))]
+        who = several if every else "no vehicle that the data determine"
+        verb = "damps" if len(spoken) == 1 else "damp" if every else "amplifies"
+        return f"{capital(who)} {verb} disturbances at every frequency."
+    ends = None
+    if subject.uncertainty:
+        spread = subject.uncertainty.peak_gain
+        ends = Quantity(peaks[most].gain, float(spread.lower[most]), float(spread.upper[most]))
+    by = f"{grown(peaks[most].gain, ends)} {at}"
+    if kind != "unstable":
+        return f"{capital(spoken[most])} may amplify disturbances: {by}."
+    if len(spoken) == 1:
+        return f"{capital(spoken[most])} amplifies {by}."
+    if len(amplifying) == len(spoken):
+        return f"{capital(all_of(len(spoken), 'vehicles'))} amplify, {spoken[most]} most: {by}."
+    return f"{capital(spoken[most])} amplifies most: {by}."
+
+
 def becomes(
     subject: KnownVehicles,
     alike: Sequence[int],

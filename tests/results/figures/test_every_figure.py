@@ -26,7 +26,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
-from accpinn.results.figures import animation, comparison, database, platoon
+from accpinn.results.figures import animation, comparison, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -111,6 +111,11 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
+    "laboratory.response_curves": lambda: laboratory.response_curves(
+        known_vehicles(known()), "magnitude", 0.3, 370
+    ),
+    "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
+    "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
     "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),

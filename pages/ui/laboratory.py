@@ -1,0 +1,166 @@
+"""The frequency laboratory on page Stability: a response and the cars behind a sinusoid.
+
+One frequency drives both charts. They are a fragment, so that a change of it draws nothing else.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import streamlit as st
+
+from accpinn.platoon.leader import Sinusoid
+from accpinn.results.figures import laboratory as figures
+from accpinn.results.figures.laboratory import Part
+from accpinn.results.figures.stability import WHOLE, colours, frequencies
+from accpinn.results.messages import stability as words
+from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.units import RadiansPerSecond
+from pages.ui.components import frame, show
+from pages.ui.components.show import bound, escape_markdown, kept, segments, select
+from pages.ui.session.workspace import Workspace
+
+HEIGHT = 370
+"""Height of both charts, in pixels: with their controls they fit on the first screen."""
+FOLLOWERS = 8
+"""Followers of a car that is repeated, as in the paper."""
+PAPER_FREQUENCIES: tuple[RadiansPerSecond, ...] = (0.25, 0.3)
+"""Frequencies of the leader's sinusoid in the paper's four panels."""
+DIGITS = 4
+"""Significant digits of a frequency that is chosen."""
+FREQUENCY, PLATOON, PART, BODE = (
+    "laboratory_frequency", "laboratory_platoon", "laboratory_part", "stability_bode",
+)  # fmt: skip
+"""Keys of the choices, and of the chart that can be clicked on."""
+PARTS: dict[Part, str] = {"magnitude": "Magnitude", "phase": "Phase"}
+
+
+def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
+    """The response over frequency beside the platoon at one frequency.
+
+    Returns:
+        The vehicles as charts show them: without uncertainty where the user wants to see none.
+    """
+    chosen, shown = source.vehicles, source
+    st.markdown(f"##### {escape_markdown(words.most_amplifying(source))}")
+    with st.container(horizontal=True, vertical_alignment="center"):
+        show.key(
+            zip(chosen.labels, colours(chosen), strict=True),
+            dashed="leader to last follower" if len(chosen) > 1 else "",
+        )
+        if source.uncertainty and not st.toggle(
+            "Uncertainty", **kept(workspace, "stability_uncertainty", True),
+            help="Bands of the response and of the model beside the measured gain, and posterior"
+            " samples on the map.",
+        ):  # fmt: skip
+            shown = replace(source, uncertainty=None)
+    st.fragment(_show_frequency)(workspace, shown)
+    return shown
+
+
+def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
+    """Draw the controls in one row, and both charts below them."""
+    offered = offered_frequencies(source)
+    row = st.container(horizontal=True, vertical_alignment="bottom")
+    with row:
+        which = _choose_platoon(workspace, source)
+    peak = nearest(_peak(source, which) or Sinusoid.frequency, offered)
+    omega = nearest(workspace.choices.get(FREQUENCY, peak), offered)
+    with row:
+        with st.container(width="stretch", key="laboratory_slider"):
+            st.select_slider(
+                "Frequency of the leader's speed", offered, format_func=_named,
+                help="A click on a curve chooses this frequency and its car.",
+                **bound(FREQUENCY, omega, workspace.keep(FREQUENCY)),
+            )  # fmt: skip
+        chips = [(f"{at:g}", at, "In rad/s, as in the paper.") for at in PAPER_FREQUENCIES]
+        chips.append(("Peak", peak, "The frequency that these cars amplify most."))
+        for at, (name, value, about) in enumerate(chips):
+            st.button(
+                name, key=f"laboratory_chip_{at}", on_click=workspace.keep(FREQUENCY),
+                args=(nearest(value, offered),), help=about,
+            )  # fmt: skip
+        part = segments("Response", PARTS, "magnitude", PART, workspace)
+        if st.button(
+            "Platoon", key="laboratory_open_platoon", icon=":material/directions_car:",
+            help="Go on with these cars: gaps, transient, other disturbances.",
+        ):  # fmt: skip
+            _open_platoon(workspace, omega, which)
+    left, right = st.columns((1.1, 1), gap="small")
+    with left:
+        show.chart(
+            figures.response_curves(source, part, omega, HEIGHT), BODE, selection_mode="points",
+            on_select=lambda: take_click(workspace, st.session_state[BODE], offered),
+        )  # fmt: skip
+    with right:
+        cast = Cast(source.vehicles, order_of(which, len(source.vehicles)))
+        show.chart(figures.steady_waves(cast, omega, HEIGHT), "laboratory_waves")
+
+
+def offered_frequencies(source: KnownVehicles) -> list[RadiansPerSecond]:
+    """The frequencies of the slider: those of the curves, the paper's, and all peaks."""
+    report = source.report
+    peaks = [vehicle.peak.omega for vehicle in report.vehicles] + [report.platoon.peaks[-1].omega]
+    curves = frequencies(report)
+    others = [at for at in (*PAPER_FREQUENCIES, *peaks) if curves[0] <= at <= curves[-1]]
+    return sorted({float(f"{at:.{DIGITS}g}") for at in (*curves.tolist(), *others)})
+
+
+def nearest(omega: RadiansPerSecond, offered: Sequence[RadiansPerSecond]) -> RadiansPerSecond:
+    """The frequency on offer that is nearest by its ratio."""
+    return min(offered, key=lambda at: abs(np.log(at / omega)))
+
+
+def order_of(which: int, count: int) -> tuple[int, ...]:
+    """The indices of a platoon's vehicles: all ``count`` in order, or one of them repeated."""
+    return tuple(range(count)) if which == WHOLE else (which,) * FOLLOWERS
+
+
+def take_click(
+    workspace: Workspace, event: Mapping[str, Any], offered: Sequence[RadiansPerSecond]
+) -> None:
+    """Choose the frequency of the point that was clicked on, and the vehicle of its curve."""
+    points = event["selection"]["points"]
+    if not points:
+        return
+    workspace.choices[FREQUENCY] = nearest(float(points[0]["x"]), offered)
+    vehicle = show.clicked_data(points)
+    if vehicle is not None:  # measured gains have none
+        workspace.choices[PLATOON] = int(vehicle)
+
+
+def _named(omega: RadiansPerSecond) -> str:
+    return f"{omega:.{DIGITS}g} rad/s"
+
+
+def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
+    """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
+    labels, peaks = source.vehicles.labels, [v.peak.gain for v in source.report.vehicles]
+    usual = int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
+    if len(labels) == 1:
+        return usual
+    names = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(labels)}
+    return select(
+        "Platoon", names | {WHOLE: "All cars in order"}, usual, PLATOON, workspace, width=220,
+        help="The cars behind the leader: one repeated, or all in order.",
+    )  # fmt: skip
+
+
+def _peak(source: KnownVehicles, which: int) -> RadiansPerSecond:
+    """The frequency that a platoon amplifies most; 0 where it amplifies none."""
+    report = source.report
+    peak = report.platoon.peaks[-1] if which == WHOLE else report.vehicles[which].peak
+    return float(peak.omega)
+
+
+def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
+    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+    workspace.choices.pop("platoon_sinusoid_speed", None)  # the one chosen here instead
+    workspace.choices.update(
+        platoon_order="learned" if vehicle == WHOLE else "repeated",
+        platoon_vehicle=max(vehicle, 0),
+        platoon_sinusoid_frequency=omega,
+        platoon_kind="sinusoid",
+    )
+    frame.go(frame.PLATOON, workspace)
