@@ -7,6 +7,7 @@ Train.
 """
 
 import html
+import re
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -25,7 +26,7 @@ from accpinn.recordings.openacc import catalogue
 from accpinn.results import reproduction as paper
 from accpinn.results.figures.platoon import panels_thumbnail, paper_panels
 from accpinn.results.figures.stability import colours, gains_thumbnail, paper_bode
-from accpinn.results.figures.style import LEADER
+from accpinn.results.figures.style import LEADER, MODEL
 from accpinn.study import Analysis
 from accpinn.study.store import Entry
 from accpinn.tasks import Part
@@ -47,6 +48,8 @@ SECONDS: Seconds = 1.5
 """Typical time of a training by the preset fast, for each follower."""
 BODE_HEIGHT, PANEL_HEIGHT = 200, 165
 """Heights in pixels, with which all of the paper's figures stand above the fold."""
+_SYMBOL = re.compile(r"\b(\w) (?=[\d+−a-z])")
+"""A parameter's symbol or a panel's letter, before its value."""
 
 
 # The page
@@ -171,11 +174,16 @@ def _tables(titles: list[str]) -> str:
 
 def _show_bode(learned: Parameters | None) -> None:
     """Both Bode plots, with what the text says of them."""
-    dashed = "learned" if learned is not None else ""
     st.markdown("**Figure 7: Bode magnitude**")
-    for vehicles in (ASTAZERO, VICOLUNGO):
+    keys = {
+        ASTAZERO: {"dashed": "learned"} if learned is not None else {},
+        VICOLUNGO: {"dotted": "frequencies of Figure 8"},
+    }
+    for vehicles, about in keys.items():
         entries = [*zip(vehicles.labels, colours(vehicles), strict=True)]
-        show.key(entries, dashed=dashed if vehicles is ASTAZERO else "")
+        if vehicles is VICOLUNGO:
+            entries.append(("the text's peak", MODEL))
+        show.key(entries, **about)
         figure = paper_bode(vehicles, learned if vehicles is ASTAZERO else None, BODE_HEIGHT)
         show.chart(figure, f"paper_bode_{show.stem_of(vehicles.title)}")
 
@@ -196,18 +204,25 @@ def _show_panels() -> None:
 def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
     """An item: its picture and its name, and what is printed, recomputed, learned and between."""
     with st.container(border=True, key=f"paper_{_key(item)}"):
-        thumbnail, name, cells = st.columns((0.7, 1.1, 4.2), vertical_alignment="center")
-        with thumbnail:
-            show.picture(picture, f"paper_{_key(item)}_picture")
-        name.markdown(f"**{item.title}**  \n:small[{escape_markdown(item.subject)}]")
+        left, cells = st.columns((1.8, 4.2), vertical_alignment="center")
+        with left.container(horizontal=True, vertical_alignment="center"):
+            with st.container(width=110):
+                show.picture(picture, f"paper_{_key(item)}_picture")
+            st.markdown(f"**{item.title}**  \n:small[{escape_markdown(item.subject)}]", width=150)
         parts = {
             paper.PRINTED: comparison.printed,
             paper.RECOMPUTED: comparison.recomputed,
             paper.LEARNED: comparison.learned or "–",
             paper.DEVIATION: comparison.deviation or "–",
         }
-        written = (f"<div><b>{what}</b>{html.escape(text)}</div>" for what, text in parts.items())
+        written = (f"<div><b>{what}</b>{_unbroken(text)}</div>" for what, text in parts.items())
         cells.html(f'<div class="paper-row">{"".join(written)}</div>')
+
+
+def _unbroken(text: str) -> str:
+    """A cell for a web page, in which no line breaks between a symbol and its range."""
+    kept = _SYMBOL.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
 
 
 def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:

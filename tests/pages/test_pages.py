@@ -55,7 +55,7 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 PAIR = csv(platoon(vehicles=2), metadata(("A", "B")))
 HOSTILE = (
     "long-forgotten", "../../etc/passwd", "a" * 5000, "\x00", "/etc/passwd", "é" * 30, "\u202e",
-    "%s%n\x1b[31m",
+    "%s%n\x1b[31m", "<script>",
 )  # fmt: skip
 """Names of sessions, as many as pages."""
 
