@@ -230,7 +230,7 @@ class PrintedItem:
         printed = self.verdicts[0]
         count = sum(2 * len(part.vehicles) for part in self.verdicts)
         agreeing = sum(part.agreeing for part in self.verdicts)
-        recomputed = f"{agreeing} of {count} verdicts"
+        recomputed = f"{agreeing} of {count} verdicts agree"
         if refuted := [name for part in self.verdicts for name in part.refuted]:
             recomputed += f"; exactly, {joined(refuted)} L∞ unstable"
         if learned is None:

@@ -177,7 +177,7 @@ def _show_bode(learned: Parameters | None) -> None:
     st.markdown("**Figure 7: Bode magnitude**")
     keys = {
         ASTAZERO: {"dashed": "learned"} if learned is not None else {},
-        VICOLUNGO: {"dotted": "frequencies of Figure 8"},
+        VICOLUNGO: {"dotted": "Figure 8"},
     }
     for vehicles, about in keys.items():
         entries = [*zip(vehicles.labels, colours(vehicles), strict=True)]
