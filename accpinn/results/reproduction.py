@@ -5,15 +5,16 @@ Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so 
 at once; what takes a recording names its run, windows and preset.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
 
 from accpinn.channels import MAGNITUDE, PARAMETERS
+from accpinn.errors import RecordingError
 from accpinn.findings import joined
-from accpinn.methods.pinn.config import PRESETS
+from accpinn.methods.pinn.config import PRESETS, STARTS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import (
     ASTAZERO,
@@ -26,12 +27,14 @@ from accpinn.model.published import (
 )
 from accpinn.model.registry import PAPER
 from accpinn.recordings import Recording, Window
+from accpinn.recordings.openacc import catalogue
 from accpinn.results.tables import Cell, Column, Filled, Table
 from accpinn.results.tables.estimates import parameter_cells
 from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response
 from accpinn.study import Analysis
+from accpinn.study.comparison import starts
 from accpinn.study.result import Result
 from accpinn.study.verification import Verification
 from accpinn.units import FloatArray, RadiansPerSecond
@@ -39,7 +42,7 @@ from accpinn.units import FloatArray, RadiansPerSecond
 TOLERANCE = 0.15
 """Relative difference up to which a learned parameter agrees with the printed one. The preset fast
 is within 2 % in Tables I and II, and in Table III within 6 % (α), 12 % (β) and 1 % (τ)."""
-TICK = "✓"
+TICK, MINUS = "✓", "−"
 L2, LINF = "L₂", "L∞"
 PRINTED, RECOMPUTED, LEARNED, DEVIATION = "Printed", "Recomputed", "Learned", "Deviation"
 TEXT_PEAK, TEXT_PEAK_AT = 1.2, 0.25
@@ -48,6 +51,8 @@ occurs at ω = 0.25 rad/s"."""
 MARGINAL, MARGINAL_AT = 3, 0.25
 """Index of the AstaZero follower that the caption of the Bode plots calls marginally string stable,
 and the frequency in rad/s there."""
+PANEL_FOLLOWERS = 8
+"""Equal followers behind the leader in each of the paper's four panels."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,16 @@ class PrintedRun:
         """Whether that recording is the one that the paper took."""
         return recording.source == self.file and recording.campaign == self.campaign
 
+    def is_published(self, recording: Recording) -> bool:
+        """Whether it is that run also by its content, where the publisher's checksum is known."""
+        sums = {run.sha256 for run in catalogue() if (run.campaign, run.file) == self.place}
+        return self.is_of(recording) and (sums <= {None} or recording.sha256 in sums)
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Campaign and file, by which the catalogue has it."""
+        return self.campaign, self.file
+
     def analysis(self, recording: Recording) -> Analysis:
         """The question whose estimate stands beside what is printed."""
         return Analysis.of(
@@ -112,6 +127,48 @@ class PrintedRun:
             method="pinn",
             settings=PRESETS[self.preset],
         )
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One of the paper's four panels: eight times one AstaZero vehicle behind a sinusoid."""
+
+    letter: str
+    vehicle: int
+    """Index of the AstaZero follower."""
+    frequency: RadiansPerSecond
+    printed: str
+    """What its caption says."""
+
+    def gain(self, parameters: Parameters) -> float:
+        """Amplitude of the last follower's speed over the leader's, once the transient is over.
+
+        The AstaZero followers' parameters are (M,).
+        """
+        gain = np.abs(response(parameters[[self.vehicle]], np.array([self.frequency])))
+        return float(gain[0, 0] ** PANEL_FOLLOWERS)
+
+
+PANELS = (
+    Panel("a", 2, 0.25, "unstable"),
+    Panel("c", 2, 0.3, "unstable"),
+    Panel("b", 3, 0.25, "marginal"),
+    Panel("d", 3, 0.3, "stable"),
+)
+"""Row by row, two a row."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An item of the paper in a row: each part in few words, empty where nothing is known of it."""
+
+    printed: str
+    recomputed: str
+    """From the printed parameters."""
+    learned: str = ""
+    """From the recording."""
+    deviation: str = ""
+    """Of what is learned from what is printed, or recomputed where nothing is printed."""
 
 
 @dataclass(frozen=True)
@@ -135,20 +192,55 @@ class PrintedItem:
         return any(printed.vehicles is CASALE_STARTS for printed in self.verdicts)
 
     @property
-    def outcome(self) -> str:
-        """How the printed verdicts compare with those computed; empty where none are printed."""
-        if not self.verdicts:
-            return ""
-        count = sum(2 * len(printed.vehicles) for printed in self.verdicts)
-        agreeing = sum(printed.agreeing for printed in self.verdicts)
-        said = f"{agreeing} of {count} printed verdicts agree by the paper's criteria."
-        refuted = [name for printed in self.verdicts for name in printed.refuted]
-        if refuted:
-            said += (
-                f" By the exact criterion {joined(refuted)} {'is' if len(refuted) == 1 else 'are'}"
-                " not L∞ string stable: D > 0 is necessary, not sufficient."
+    def trainings(self) -> int:
+        """How many trainings give the rows printed first."""
+        return len(STARTS) if self.starts else 1
+
+    def analyses(self, recording: Recording) -> tuple[Analysis, ...]:
+        """The questions that give its rows; several where it has several initial values.
+
+        Raises:
+            RecordingError: where the recording is another one.
+        """
+        if self.run is None:
+            return ()
+        if not self.run.is_published(recording):
+            raise RecordingError(
+                f"{recording.source}: this is not the run {self.run.campaign}/{self.run.file} of"
+                f" the OpenACC database, which {self.title} takes; download it on page Data."
             )
-        return said
+        asked = self.run.analysis(recording)
+        return tuple(starts(asked)) if self.starts else (asked,)
+
+    def learned(self, results: Sequence[Result]) -> Parameters | None:
+        """What results learned for the rows printed first; None where none is of its data.
+
+        It is (M,), or one set for all rows, as long as not each row has a result of its own.
+        """
+        own = [result.parameters for result in results if item_of(result) is self]
+        if not own:
+            return None
+        count = len(self.verdicts[0].vehicles)
+        if self.starts and len(own) == count:
+            return Parameters.of(np.concatenate([parameters.everything for parameters in own]))
+        return rows_of(own[-1], count)
+
+    def compared(self, learned: Parameters | None) -> Comparison:
+        """Its first rows beside what is learned for them: the ranges of α, β and τ."""
+        printed = self.verdicts[0]
+        count = sum(2 * len(part.vehicles) for part in self.verdicts)
+        agreeing = sum(part.agreeing for part in self.verdicts)
+        recomputed = f"{agreeing} of {count} verdicts agree"
+        if refuted := [name for part in self.verdicts for name in part.refuted]:
+            recomputed += f"; exactly, {joined(refuted)} L∞ unstable"
+        if learned is None:
+            return Comparison(_ranges(printed.vehicles.parameters), recomputed)
+        return Comparison(
+            _ranges(printed.vehicles.parameters),
+            recomputed,
+            _ranges(learned),
+            _largest_deviations(printed, learned),
+        )
 
 
 def _no(vehicles: ParameterSet, *linf: bool) -> PrintedVerdicts:
@@ -192,17 +284,99 @@ ITEMS = (
 """In the order of the checklist; Figure 1 is a drawing of the network."""
 
 
+BODE, EIGHT = ITEMS[-2:]
+"""The Bode plots, and the four panels."""
+
+
+def item_of(result: Result) -> PrintedItem | None:
+    """The table of the paper whose data, model and method a result has."""
+    asked = result.analysis
+    took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
+    made = asked.spec.model, asked.settings.get("preset")
+    for item in ITEMS:
+        run = item.run
+        if not (item.verdicts and run) or made not in ((PAPER, run.preset), (PAPER, "paper")):
+            continue
+        is_case = asked.case == run.case or len(run.vehicles) == 2
+        if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):
+            return item
+    return None
+
+
+def rows_of(learned: Parameters, count: int) -> Parameters:
+    """What was learned for so many rows of a table; one set for all where it has more rows."""
+    return learned[: count if len(learned) >= count else 1]
+
+
+def compared_peaks(learned: Parameters | None) -> Comparison:
+    """The largest peak of the Bode magnitude: as the text has it, by Table III, and as learned.
+
+    The AstaZero followers' learned parameters are (M,).
+    """
+    tables = [_largest_peak(vehicles) for vehicles in (ASTAZERO, VICOLUNGO)]
+    (gain, at, name), (other, other_at, other_name) = tables
+    printed = f"{TEXT_PEAK:g} dB at {TEXT_PEAK_AT:g} rad/s (text)"
+    recomputed = f"{gain:.2f} dB at {at:.3f} ({name}), {other:.2f} at {other_at:.3f} ({other_name})"
+    if learned is None:
+        return Comparison(printed, recomputed)
+    peak, peak_at, peak_name = _largest_peak(replace(ASTAZERO, parameters=learned))
+    return Comparison(
+        printed,
+        recomputed,
+        f"{peak:.2f} dB at {peak_at:.3f} ({peak_name})",
+        f"{peak - gain:+.2f} dB from Table III".replace("-", MINUS),
+    )
+
+
+def compared_panels(learned: Parameters | None) -> Comparison:
+    """The four panels: what the captions say, and the amplitude of the eighth follower in m/s.
+
+    The AstaZero followers' learned parameters are (M,). The leader's amplitude is 1 m/s.
+    """
+    ordered = sorted(PANELS, key=lambda panel: panel.letter)
+
+    def listed(values: Iterable[str]) -> str:
+        pairs = zip(ordered, values, strict=True)
+        return ", ".join(f"{panel.letter} {value}" for panel, value in pairs)
+
+    def gains(parameters: Parameters) -> FloatArray:
+        return np.array([panel.gain(parameters) for panel in ordered])
+
+    def amplitudes(values: FloatArray) -> str:
+        return f"{listed(f'{gain:.2f}' for gain in values)} m/s"
+
+    printed, table = listed(panel.printed for panel in ordered), gains(ASTAZERO.parameters)
+    if learned is None:
+        return Comparison(printed, amplitudes(table))
+    off = 100 * (gains(learned) / table - 1)
+    away = listed(f"{value:+.0f}".replace("-", MINUS) for value in off) + " %"
+    return Comparison(printed, amplitudes(table), amplitudes(gains(learned)), away)
+
+
+def _largest_peak(vehicles: ParameterSet) -> tuple[float, RadiansPerSecond, str]:
+    """The largest Bode magnitude in dB, where it is, and whose."""
+    rows = stability_report(vehicles.parameters).vehicles
+    k = max(range(len(rows)), key=lambda k: rows[k].peak.gain)
+    return rows[k].peak.db, rows[k].peak.omega, vehicles.labels[k]
+
+
+def _ranges(parameters: Parameters) -> str:
+    """The smallest and the largest α, β and τ."""
+    parts = []
+    for quantity, column in zip(PARAMETERS, parameters.values.T, strict=True):
+        ends = dict.fromkeys(f"{end:#.3g}" for end in (column.min(), column.max()))
+        parts.append(f"{quantity.symbol} {'–'.join(ends)}")
+    return ", ".join(parts)
+
+
 @cache
 def inconsistencies() -> tuple[str, ...]:
-    """Where the paper's text contradicts its own Table III, by the parameters printed there."""
+    """Where text and verdicts of the paper contradict its Table III, by the parameters there."""
     peaks = []
+    refuted = [name for item in ITEMS for part in item.verdicts for name in part.refuted]
     for campaign, printed in (("AstaZero", ASTAZERO), ("Ispra-Vicolungo", VICOLUNGO)):
-        vehicles = stability_report(printed.parameters).vehicles
-        k = max(range(len(vehicles)), key=lambda k: vehicles[k].peak.gain)
-        peak = vehicles[k].peak
-        peaks.append(
-            f"{peak.db:.2f} dB at {peak.omega:.3f} rad/s for {campaign} ({printed.labels[k]})"
-        )
+        peak, omega, name = _largest_peak(printed)
+        peaks.append(f"{peak:.2f} dB at {omega:.3f} rad/s for {campaign} ({name})")
     gain = _decibels(ASTAZERO.parameters[MARGINAL], MARGINAL_AT)
     return (
         f"The paper's text gives {TEXT_PEAK:g} dB at {TEXT_PEAK_AT:g} rad/s as the largest"
@@ -210,6 +384,8 @@ def inconsistencies() -> tuple[str, ...]:
         f"The caption of its Bode plots calls vehicle {MARGINAL + 1} of AstaZero"
         f" ({ASTAZERO.labels[MARGINAL]}) marginally string stable at {MARGINAL_AT:g} rad/s. By its"
         f" Table III the gain there is {gain:.2f} dB.",
+        f"Table III has {joined(refuted)} as L∞ string stable, by D > 0. That is necessary, not"
+        " sufficient: by the exact criterion it is not.",
     )
 
 
@@ -220,19 +396,12 @@ def _decibels(vehicle: Parameters, omega: RadiansPerSecond) -> float:
 
 def beside_printed(result: Result) -> tuple[PrintedItem, Table, str] | None:
     """The table of the paper whose data and method a result has, filled, and how far it is off."""
-    asked = result.analysis
-    took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
-    made = asked.spec.model, asked.settings.get("preset")
-    for item in ITEMS:
-        run = item.run
-        if not (item.verdicts and run) or made not in ((PAPER, run.preset), (PAPER, "paper")):
-            continue
-        is_case = asked.case == run.case or len(run.vehicles) == 2
-        if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):
-            printed = item.verdicts[0]
-            learned = result.parameters[: len(printed.vehicles)]
-            return item, reproduction_table(printed, learned), learned_line(printed, learned)
-    return None
+    item = item_of(result)
+    if item is None:
+        return None
+    printed = item.verdicts[0]
+    learned = result.parameters[: len(printed.vehicles)]
+    return item, reproduction_table(printed, learned), learned_line(printed, learned)
 
 
 def deviations(printed: PrintedVerdicts, learned: Parameters) -> FloatArray:
@@ -245,10 +414,25 @@ def deviations(printed: PrintedVerdicts, learned: Parameters) -> FloatArray:
 
 def learned_line(printed: PrintedVerdicts, learned: Parameters) -> str:
     """The largest deviation of each parameter; a tick goes before where all are in `TOLERANCE`."""
+    off = joined([f"{symbol} {value:.0f} %" for symbol, value in _furthest(printed, learned)])
+    return f"{_tick(printed, learned)}learned; deviation at most {off}"
+
+
+def _largest_deviations(printed: PrintedVerdicts, learned: Parameters) -> str:
+    """The same, as short as a cell is."""
+    off = ", ".join(f"{symbol} {value:.0f}" for symbol, value in _furthest(printed, learned))
+    return f"{_tick(printed, learned)}{off} %"
+
+
+def _furthest(printed: PrintedVerdicts, learned: Parameters) -> list[tuple[str, float]]:
+    """Each parameter's symbol and largest deviation in percent."""
     most = 100 * np.abs(deviations(printed, learned)).max(axis=0)
-    off = joined([f"{q.symbol} {value:.0f} %" for q, value in zip(PARAMETERS, most, strict=True)])
-    tick = f"{TICK} " if (most <= 100 * TOLERANCE).all() else ""
-    return f"{tick}learned; deviation at most {off}"
+    return [(quantity.symbol, float(v)) for quantity, v in zip(PARAMETERS, most, strict=True)]
+
+
+def _tick(printed: PrintedVerdicts, learned: Parameters) -> str:
+    most = np.abs(deviations(printed, learned)).max()
+    return f"{TICK} " if most <= TOLERANCE else ""
 
 
 def verification_table(verification: Verification) -> Table:

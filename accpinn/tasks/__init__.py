@@ -17,9 +17,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -555,6 +555,45 @@ def judgement_task(
     return Task(owner, "judgement of models", steps, titles, weights)
 
 
+@dataclass(frozen=True)
+class Part:
+    """One training of a series."""
+
+    name: str
+    asked: Callable[[], tuple[Analysis, Recording | None]]
+    """The question and its recording, which are not read before its turn comes."""
+    seconds: Seconds = 1.0
+    """Typical time, relative to that of the others."""
+    is_listed: bool = False
+    """Whether its result is entered among what the owner was shown."""
+
+
+def series_task(
+    owner: str,
+    kind: str,
+    parts: Sequence[Part],
+    store: Store | None,
+    segments: Segments = (),
+    shown_to: Sequence[str] = (),
+) -> Task[Result]:
+    """Trainings one after the other; the further arguments are those of `training_task`."""
+
+    def steps(context: TaskContext) -> Iterator[Result]:
+        get_ready()
+        for part in parts:
+            asked, recording = part.asked()
+            result = run(asked, recording, segments=segments, store=store, context=context)
+            if context.is_stopped:
+                return
+            if store and part.is_listed:
+                for session in shown_to or (owner,):
+                    store.record_shown(session, result)
+            yield result
+
+    names, seconds = tuple(part.name for part in parts), [part.seconds for part in parts]
+    return Task(owner, kind, steps, names, seconds)
+
+
 def starts_task(
     owner: str,
     analysis: Analysis,
@@ -563,13 +602,8 @@ def starts_task(
     segments: Segments = (),
 ) -> Task[Result]:
     """Trainings from five initial values; the arguments are those of `training_task`."""
-
-    def steps(context: TaskContext) -> Iterator[Result]:
-        for asked in starts(analysis):
-            result = run(asked, recording, segments=segments, store=store, context=context)
-            if context.is_stopped:
-                return
-            yield result
-
-    names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
-    return Task(owner, "series of starts", steps, names, (1.0,) * len(names))
+    parts = [
+        Part(f"start {k} of {len(STARTS)}", partial(lambda asked: (asked, recording), asked))
+        for k, asked in enumerate(starts(analysis), 1)
+    ]
+    return series_task(owner, "series of starts", parts, store, segments)

@@ -12,7 +12,7 @@ from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
 from accpinn.segment.cut import cut
 from pages.ui import reproduction
-from pages.ui.components import frame
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
@@ -46,7 +46,6 @@ def show_page(workspace: Workspace) -> None:
         "Finished runs": lambda: show_runs(workspace, runs, "home_runs"),
         "Samples": lambda: _show_samples(workspace),
         "Published parameters": lambda: _show_published(workspace),
-        "Reproduce the paper": lambda: reproduction.show_checklist(workspace),
     }
     if not runs:
         del drawn["Finished runs"]
@@ -86,22 +85,27 @@ def _ways_in(workspace: Workspace) -> None:
         drop_zone(workspace, then=frame.DATA)
     with right:
         button(
-            workspace, "Train a sample now", frame.TRAIN, "train", width="stretch", type="primary",
-            icon="play_arrow",
+            workspace, "Train a sample now", frame.TRAIN, "home_train", width="stretch",
+            type="primary", icon="play_arrow",
             act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, "calibrated"),
             help="Opens the first sample below and trains on its windows in car-following by the"
             " recommended method.",
         )  # fmt: skip
         st.caption("Motorway cars: three synthetic followers; the result comes within seconds.")
         button(
-            workspace, "Other ways to open a recording", frame.DATA, "own", width="stretch",
+            workspace, "Other ways to open a recording", frame.DATA, "home_own", width="stretch",
             icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),
             help="Page Data, with the field for a file and the server's folder.",
         )  # fmt: skip
         button(
-            workspace, "Database of makes and models", frame.DATABASE, "database", width="stretch",
-            icon="database",
+            workspace, "Database of makes and models", frame.DATABASE, "home_database",
+            width="stretch", icon="database",
             help="Page Database: every window of a folder of recordings, by make and model.",
+        )  # fmt: skip
+        button(
+            workspace, "Reproduce the paper", frame.REPRODUCE, "home_reproduce", width="stretch",
+            icon="article",
+            help="Page Reproduce: the paper's Bode plots, its four panels and its tables.",
         )  # fmt: skip
         with st.container(horizontal=True, vertical_alignment="center"):
             reproduction.table_buttons(workspace, "home")
@@ -116,10 +120,10 @@ def _show_samples(workspace: Workspace) -> None:
         with column.container(border=True, height="stretch", vertical_alignment="distribute"):
             name, _, about = sample_title(path).partition(": ")
             st.markdown(f"**{name}**")
-            _picture(_speeds(path), f"home_{path.stem}")
+            show.picture(_speeds(path), f"home_{path.stem}")
             st.caption(about.capitalize())
             button(
-                workspace, "Open", frame.DATA, f"open_{path.stem}", width="stretch",
+                workspace, "Open", frame.DATA, f"home_open_{path.stem}", width="stretch",
                 help="Page Data, with this sample.", act=partial(open_file, workspace, path),
             )  # fmt: skip
 
@@ -135,19 +139,15 @@ def _show_published(workspace: Workspace) -> None:
         with column.container(border=True, height="stretch"):
             title, _, table = published.title.partition(" (paper, ")
             st.markdown(f"**{table.rstrip(')')}: {title}**")
-            _picture(gains_thumbnail(published), f"home_{published.title}")
+            show.picture(gains_thumbnail(published), f"home_{published.title}")
             st.caption(", ".join(published.names))
             with st.container(horizontal=True):
                 for name, page in (("Stability", frame.STABILITY), ("Platoon", frame.PLATOON)):
                     button(
-                        workspace, name, page, f"{published.title}_{name}",
+                        workspace, name, page, f"home_{published.title}_{name}",
                         help=f"Page {name}, with these printed parameters.",
                         act=partial(reproduction.take_published, workspace, published),
                     )  # fmt: skip
-
-
-def _picture(figure: go.Figure, key: str) -> None:
-    st.plotly_chart(figure, key=key, config={"staticPlot": True})
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)

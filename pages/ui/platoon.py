@@ -15,6 +15,7 @@ from accpinn.errors import ParameterError
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon import Collision, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.results import reproduction as paper
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours
@@ -389,7 +390,7 @@ def _show_panels() -> None:
         " and then a sinusoid of 1 m/s. Neither vehicle is string stable; which disturbances"
         " grow depends on their frequency."
     )
-    vehicles = sorted({k for k, _ in figures.PANELS})
+    vehicles = sorted({panel.vehicle for panel in paper.PANELS})
     show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
     grid = (*st.columns(2), *st.columns(2))
     for place, ((title, figure), cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):

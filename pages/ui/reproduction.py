@@ -1,34 +1,272 @@
-"""The paper's tables and figures: what comes out here beside what is printed, and the way there.
+"""The page Reproduce: the paper's figures, and each table printed, recomputed and learned.
 
-A table of the paper takes two clicks: its button opens recording, window, vehicles, Case and preset
-on page Train, and the training's result stands there beside the printed one.
+What follows from printed parameters is drawn at once. One button trains what the tables take, one
+after the other, from the recordings at hand; the recording that is open stays open. The button of
+a table, on pages Home and Data too, opens its recording, window, vehicles, Case and preset on page
+Train.
 """
 
+import html
+import re
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.findings import joined
 from accpinn.methods.pinn.config import PresetName
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.published import ParameterSet
+from accpinn.model.published import ASTAZERO, VICOLUNGO, ParameterSet
 from accpinn.model.registry import PAPER
+from accpinn.recordings import Recording, files
+from accpinn.recordings.openacc import catalogue
 from accpinn.results import reproduction as paper
+from accpinn.results.figures.platoon import panels_thumbnail, paper_panels
+from accpinn.results.figures.stability import colours, gains_thumbnail, paper_bode
+from accpinn.results.figures.style import LEADER, MODEL
+from accpinn.study import Analysis
 from accpinn.study.store import Entry
+from accpinn.tasks import Part
+from accpinn.units import Seconds
 from pages.ui.components import frame, show
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.parameter_picker import EXAMPLE
-from pages.ui.components.show import escape_markdown, select
-from pages.ui.data.sources import find_run, open_file
+from pages.ui.components.show import escape_markdown, select, tabs
+from pages.ui.data.sources import OPENING, RUN, find_run, open_file, place_of_run
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import SAMPLES
 from pages.ui.session.workspace import Workspace
 
-MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
-"""Computed here; needs a training."""
 TABLES = {item: item.run for item in paper.ITEMS if item.run and item.verdicts}
 """Tables I to III, and what each takes."""
+TABLE_III = [*TABLES][-1]
+"""The paper's figures are drawn from its parameters."""
+SECONDS: Seconds = 1.5
+"""Typical time of a training by the preset fast, for each follower."""
+BODE_HEIGHT, PANEL_HEIGHT = 200, 165
+"""Heights in pixels, with which all of the paper's figures stand above the fold."""
+_SYMBOL = re.compile(r"\b(\w) (?=[\d+−a-z])")
+"""A parameter's symbol or a panel's letter, before its value."""
+
+
+# The page
+
+
+def show_page(workspace: Workspace) -> None:
+    learned = {item: _learned(workspace, item) for item in TABLES}
+    figures = learned[TABLE_III]
+    _show_task(workspace)
+    left, right = st.columns((1, 1.55), gap="medium")
+    with left:
+        _show_bode(figures)
+    with right:
+        _show_panels()
+    for item in TABLES:
+        picture = gains_thumbnail(item.verdicts[0].vehicles, learned[item])
+        _show_row(item, item.compared(learned[item]), picture)
+    peaks, panels = paper.compared_peaks(figures), paper.compared_panels(figures)
+    _show_row(paper.BODE, peaks, gains_thumbnail(ASTAZERO, figures))
+    _show_row(paper.EIGHT, panels, panels_thumbnail(figures))
+    tabs(workspace, "paper_tabs", {
+        "Numbers": lambda: _show_numbers(workspace),
+        "Text and tables": _show_inconsistencies,
+        "One at a time": lambda: _show_items(workspace),
+    })  # fmt: skip
+
+
+def _show_task(workspace: Workspace) -> None:
+    """The button that trains what all tables take, how far that is, and what is not at hand."""
+    task = workspace.reproduction
+    parts, missing = _trainings(workspace)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if task and task.is_active:
+            stop_button(task, "Stop", "paper_stop")
+        else:
+            lacking = [title for titles in missing.values() for title in titles]
+            titles = [item.title for item in TABLES if item.title not in lacking]
+            seconds = show.format_duration(sum(part.seconds for part in parts))
+            label = f"Reproduce {joined(titles) if missing and titles else 'all'}"
+            st.button(
+                f"{label} (about {seconds})" if parts else label, type="primary",
+                icon=":material/play_arrow:", key="paper_all", disabled=not parts,
+                on_click=workspace.reproduce, args=(parts,),
+                help="Trains by the preset fast on the paper's windows. What is open stays open.",
+            )  # fmt: skip
+        st.caption(
+            "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024",
+            width="content",
+        )
+    if task:
+        count = len(task.results)
+        monitor(task, is_stale=lambda: len(task.results) != count)
+    if not missing:
+        return
+    with st.container(gap="xxsmall"):
+        for (campaign, file), titles in missing.items():
+            _show_missing(campaign, file, titles)
+
+
+def _trainings(workspace: Workspace) -> tuple[list[Part], dict[tuple[str, str], list[str]]]:
+    """What the recordings at hand allow; campaign and file of those missing, and whose they are."""
+    parts, missing = list[Part](), dict[tuple[str, str], list[str]]()
+    for item, run in TABLES.items():
+        place = place_of_run(workspace, *run.place)
+        if place is None:
+            missing.setdefault(run.place, []).append(item.title)
+            continue
+        asked = cache(partial(_asked, item, place))
+        for k in range(item.trainings):
+            parts.append(
+                Part(
+                    f"{item.title}, start {k + 1}" if item.starts else item.title,
+                    partial(_nth, asked, k),
+                    SECONDS * (len(run.vehicles) - 1),
+                    is_listed=not k,
+                )
+            )
+    return parts, missing
+
+
+def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analysis, Recording]]:
+    """The questions of a table, and the recording that they are asked of.
+
+    Raises:
+        RecordingError: where the file cannot be read, or is not the paper's.
+    """
+    recording = place if isinstance(place, Recording) else files.opened(place).read()
+    return [(analysis, recording) for analysis in item.analyses(recording)]
+
+
+def _nth(
+    asked: Callable[[], list[tuple[Analysis, Recording]]], k: int
+) -> tuple[Analysis, Recording]:
+    """One question of several, which are not asked before its turn comes."""
+    return asked()[k]
+
+
+def _show_missing(campaign: str, file: str, titles: list[str]) -> None:
+    """Which recording is not at hand, and the way to it."""
+
+    def choose() -> None:
+        runs = (run for run in catalogue() if (run.campaign, run.file) == (campaign, file))
+        st.session_state.update({OPENING: True, RUN: next(runs, None)})
+        st.session_state[frame.TURN] = frame.DATA
+
+    with st.container(horizontal=True, vertical_alignment="center"):
+        said = f"{_tables(titles)} {campaign}/{file}, which is not on this server."
+        st.markdown(f":orange[:material/database:] {escape_markdown(said)}", width="content")
+        st.button(
+            "Download it on Data", key=f"paper_get_{show.stem_of(file)}", type="tertiary",
+            icon=":material/download:", on_click=choose,
+            help="Page Data, with this run chosen. A file of yours can be dropped there, too.",
+        )  # fmt: skip
+
+
+def _tables(titles: list[str]) -> str:
+    """Tables as the subject of a sentence, with its verb."""
+    if len(titles) == 1:
+        return f"{titles[0]} needs"
+    return f"Tables {joined([title.removeprefix('Table ') for title in titles])} need"
+
+
+def _show_bode(learned: Parameters | None) -> None:
+    """Both Bode plots, with what the text says of them."""
+    st.markdown("**Figure 7: Bode magnitude**")
+    keys = {
+        ASTAZERO: {"dashed": "learned"} if learned is not None else {},
+        VICOLUNGO: {"dotted": "Figure 8"},
+    }
+    for vehicles, about in keys.items():
+        entries = [*zip(vehicles.labels, colours(vehicles), strict=True)]
+        if vehicles is VICOLUNGO:
+            entries.append(("the text's peak", MODEL))
+        show.key(entries, **about)
+        figure = paper_bode(vehicles, learned if vehicles is ASTAZERO else None, BODE_HEIGHT)
+        show.chart(figure, f"paper_bode_{show.stem_of(vehicles.title)}")
+
+
+def _show_panels() -> None:
+    """Eight followers behind a sinusoid, on one scale."""
+    st.markdown("**Figure 8: eight followers behind a sinusoid of 1 m/s**")
+    show.key([("Leader", LEADER)])
+    grid = (*st.columns(2), *st.columns(2))
+    for panel, (title, figure), cell in zip(
+        paper.PANELS, paper_panels(PANEL_HEIGHT), grid, strict=True
+    ):
+        with cell:
+            show.caption(title)
+            show.chart(figure, f"paper_panel_{panel.letter}")
+
+
+def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
+    """An item: its picture and its name, and what is printed, recomputed, learned and between."""
+    with st.container(border=True, key=f"paper_{_key(item)}"):
+        left, cells = st.columns((1.8, 4.2), vertical_alignment="center")
+        with left.container(horizontal=True, vertical_alignment="center"):
+            with st.container(width=110):
+                show.picture(picture, f"paper_{_key(item)}_picture")
+            st.markdown(f"**{item.title}**  \n:small[{escape_markdown(item.subject)}]", width=150)
+        parts = {
+            paper.PRINTED: comparison.printed,
+            paper.RECOMPUTED: comparison.recomputed,
+            paper.LEARNED: comparison.learned or "–",
+            paper.DEVIATION: comparison.deviation or "–",
+        }
+        written = (f"<div><b>{what}</b>{_unbroken(text)}</div>" for what, text in parts.items())
+        cells.html(f'<div class="paper-row">{"".join(written)}</div>')
+
+
+def _unbroken(text: str) -> str:
+    """A cell for a web page, in which no line breaks between a symbol and its range."""
+    kept = _SYMBOL.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
+
+
+def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:
+    """What this session learned last for the first rows of a table; None before."""
+    task = workspace.reproduction
+    learned = item.learned(task.results) if task else None
+    runs = runs_of(workspace, item.run) if item.run and learned is None else []
+    if runs:
+        count = len(item.verdicts[0].vehicles)
+        return paper.rows_of(Parameters.of(runs[0].parameters), count)
+    return learned
+
+
+# Details
+
+
+def _show_numbers(workspace: Workspace) -> None:
+    """Each row of a table: printed beside recomputed and learned."""
+    names = {part.vehicles.title: (item, part) for item in paper.ITEMS for part in item.verdicts}
+    chosen = select(
+        "Printed beside computed", {name: name for name in names}, [*names][-2], "paper_printed",
+        workspace, width=420,
+        help="The verdicts as printed, and those that follow from the printed parameters; beside"
+        " them what this session learned from the same window, once it has.",
+    )  # fmt: skip
+    item, printed = names[chosen]
+    is_first = printed is item.verdicts[0]  # the other platoon's run is not known
+    table = paper.reproduction_table(printed, _learned(workspace, item) if is_first else None)
+    show.table(table)
+    show.downloads(table, chosen, "paper_printed")
+
+
+def _show_inconsistencies() -> None:
+    st.caption(show.bullets(paper.inconsistencies()))
+
+
+def _show_items(workspace: Workspace) -> None:
+    """Every table and figure, with the buttons that lead to it."""
+    for item in paper.ITEMS:
+        with st.container(border=True):
+            words, buttons = st.columns((1.4, 2), vertical_alignment="center")
+            words.markdown(f"**{item.title}** {escape_markdown(item.subject)}")
+            with buttons.container(horizontal=True, horizontal_alignment="right"):
+                _show_buttons(workspace, item)
 
 
 # One table, from its recording to its numbers
@@ -43,16 +281,16 @@ def open_table(workspace: Workspace, run: paper.PrintedRun) -> None:
 
 def table_buttons(workspace: Workspace, place: str) -> None:
     """A button for each table whose recording is at hand; it turns to page Train."""
-    said = False
+    is_titled = False
     for item, run in TABLES.items():
         opening = find_run(workspace, run.campaign, run.file)
         here = workspace.recording and run.is_of(workspace.recording)
         if opening is None or (place == "data" and not here):
             continue
 
-        if not said:
+        if not is_titled:
             st.caption("The paper's", width="content")
-            said = True
+            is_titled = True
 
         def take(run: paper.PrintedRun = run, opening: Callable[[], None] = opening) -> None:
             opening()
@@ -65,78 +303,19 @@ def table_buttons(workspace: Workspace, place: str) -> None:
         )  # fmt: skip
 
 
-def _rows(learned: Parameters, printed: paper.PrintedVerdicts) -> Parameters:
-    """What was learned for the rows of a table; one set for all where it has more rows."""
-    rows = len(printed.vehicles)
-    return learned[: rows if len(learned) >= rows else 1]
-
-
-# All of them, on page Home
-
-
-def show_checklist(workspace: Workspace) -> None:
-    """A row for each table and figure: printed beside computed, and the buttons that do it."""
-    st.caption(
-        "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024. What follows"
-        " from printed parameters is computed at once; learning takes a recording, or a synthetic"
-        " sample in its place."
-    )
-    for item in paper.ITEMS:
-        _show_item(workspace, item)
-    st.caption(show.bullets(paper.inconsistencies()))
-    names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
-    chosen = select(
-        "Printed beside computed", {name: name for name in names}, [*names][-2], "home_printed",
-        workspace, width=420,
-        help="The verdicts as printed, and those that follow from the printed parameters; beside"
-        " them what this session learned from the same window, once it has.",
-    )  # fmt: skip
-    item, printed = names[chosen]
-    is_first = printed is item.verdicts[0]  # the other platoon's run is not known
-    table = paper.reproduction_table(printed, _learned(workspace, item) if is_first else None)
-    show.table(table)
-    show.downloads(table, chosen, "home_printed")
-
-
-def _show_item(workspace: Workspace, item: paper.PrintedItem) -> None:
-    with st.container(border=True):
-        widths = (0.9, 2.3, 0.9, 1, 3.3)
-        title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
-        title.markdown(f"**{item.title}**")
-        at_once = item.verdicts or item.shown or not (item.run or item.sample)
-        criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
-        learned.caption(_deviation(workspace, item))
-        said = [item.subject + ".", item.outcome]
-        said += [f"Needs the recording {item.run}."] if item.run else []
-        words.caption(escape_markdown(" ".join(filter(None, said))))
-        with buttons.container(horizontal=True, horizontal_alignment="right"):
-            _show_buttons(workspace, item)
-
-
-def _deviation(workspace: Workspace, item: paper.PrintedItem) -> str:
-    """How far what this session learned from an item's recording lies from what is printed."""
-    if item.run is None:
-        return "–"
-    if item.verdicts and (learned := _learned(workspace, item)):
-        return escape_markdown(paper.learned_line(item.verdicts[0], learned))
-    if not item.verdicts and runs_of(workspace, item.run):
-        return f"{MARK} learned from the recording"
-    return f"{NEEDS} parameters not learned yet"
-
-
 def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
     """What leads to an item: a sample's training, its recording, its parameters, or the panels."""
     path, run, key = SAMPLES / f"{item.sample}.csv", item.run, _key(item)
     if item.starts:
         button(
-            workspace, "Five starts on the sample", frame.COMPARE, f"{key}_starts", icon="casino",
-            act=lambda: _train_starts(workspace, path),
+            workspace, "Five starts on the sample", frame.COMPARE, f"paper_{key}_starts",
+            icon="casino", act=lambda: _train_starts(workspace, path),
             help="Opens the synthetic study, trains it from five initial values with the fast"
             " preset, and shows page Compare.",
         )  # fmt: skip
     elif item.sample:
         button(
-            workspace, "Train the sample", frame.TRAIN, f"{key}_sample", icon="play_arrow",
+            workspace, "Train the sample", frame.TRAIN, f"paper_{key}_sample", icon="play_arrow",
             act=lambda: train_sample(workspace, path, "fast", run.case if run else None),
             help="Opens the synthetic recording made from the printed parameters, and trains on"
             " it.",
@@ -150,21 +329,22 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
                 open_table(workspace, run)
 
         button(
-            workspace, "Open on Train", frame.TRAIN, f"{key}_run", disabled=opening is None,
-            act=open_run,
-            help=f"With {run} and the preset {run.preset}." if opening else f"{run.file} is not at"
-            " hand: drop it above, or start the app with a folder that has it.",
+            workspace, "Open on Train", frame.TRAIN, f"paper_{key}_run", act=open_run,
+            disabled=opening is None,
+            help=f"With {run} and the preset {run.preset}." if opening
+            else f"{run.file} is not at hand.",
         )  # fmt: skip
     for vehicles in item.shown:
         name = vehicles.title.partition(" (")[0].partition(",")[0]
         button(
             workspace, f"Stability: {name.removeprefix('Ispra-')}", frame.STABILITY,
-            f"{key}_{name}", icon="vital_signs", act=partial(take_published, workspace, vehicles),
+            f"paper_{key}_{name}", icon="vital_signs",
+            act=partial(take_published, workspace, vehicles),
             help="Page Stability, with these printed parameters.",
         )  # fmt: skip
     if not (run or item.sample or item.shown):
         button(
-            workspace, "Platoon: four panels", frame.PLATOON, f"{key}_panels",
+            workspace, "Platoon: four panels", frame.PLATOON, f"paper_{key}_panels",
             act=lambda: open_panels(workspace), help="Page Platoon, with the four panels.",
         )  # fmt: skip
 
@@ -173,14 +353,14 @@ def button(
     workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
     act: Callable[[], object] = lambda: None, **look: Any,
 ) -> None:  # fmt: skip
-    """A button of page Home that does something and turns to a page; refused, it says why."""
+    """A button that does something and turns to a page; refused, it says why."""
     picture = f":material/{icon}:" if icon else None
 
     def turn() -> None:
         act()
         frame.go(page, workspace)
 
-    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
+    if st.button(label, key=key, help=help, icon=picture, **look):
         show.attempt(turn)
 
 
@@ -203,12 +383,6 @@ def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
     workspace.train_starts("fast")
-
-
-def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:
-    """What this session learned last for the rows of a table; None before."""
-    runs = runs_of(workspace, item.run) if item.run else []
-    return _rows(Parameters.of(runs[0].parameters), item.verdicts[0]) if runs else None
 
 
 def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:

@@ -56,6 +56,7 @@ SCENES = {
     "platoon": ("/Platoon", "press Open a published example", "tour platoon",
                 "tick From the leader", "tick Whole run", "tick One car", "shoot platoon_collision",
                 "choose Disturbance of the leader = Brake", "shoot platoon_brake"),
+    "reproduce": ("/Reproduce", "tour reproduce"),
     "compare": ("/Data", "press Open this sample", "to Compare", "press Run all methods",
                 "wait Stop", "fold compare_running", "wait with the recommended estimate",
                 "tab Repeatability", "press Five starts", "wait All 5 trainings", "tour compare",
@@ -90,6 +91,8 @@ OF_REAL_RECORDINGS = {
                  "press Train on this window", "wait Next: string stability", "to Stability",
                  "tab Measured", "shoot stability_astazero", "to Platoon",
                  "choose Disturbance of the leader = As recorded", "shoot platoon_astazero"),
+    "reproduced": ("/Reproduce", "press Reproduce all", "wait done", "fold reproduce_running",
+                   "wait Reproduce all", "tour reproduced"),
     "database": ("/Database", "fold database_empty", "press Start the batch", "wait rows so far",
                  "fold database_running", "wait Done: ", "tour database"),
 }  # fmt: skip

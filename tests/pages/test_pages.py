@@ -55,7 +55,7 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 PAIR = csv(platoon(vehicles=2), metadata(("A", "B")))
 HOSTILE = (
     "long-forgotten", "../../etc/passwd", "a" * 5000, "\x00", "/etc/passwd", "é" * 30, "\u202e",
-    "%s%n\x1b[31m",
+    "%s%n\x1b[31m", "<script>",
 )  # fmt: skip
 """Names of sessions, as many as pages."""
 
@@ -119,20 +119,19 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     session = page.workspace()
     page.press(f"home_{ASTAZERO_ALIKE.title}_Stability")
     assert session.choices[EXAMPLE] == ASTAZERO_ALIKE.title
-    page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
-    assert "14 of 14 printed verdicts agree" in page.texts()
     glossary = open_page("Home").press("frame_glossary").plain()
     assert all(read(escape_markdown(meaning)) in glossary for meaning in MEANINGS.values())
-    assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
-    page.press("home_TableI_starts")
+    page = open_page("Reproduce", session).open_tab("paper_tabs", "One at a time")
+    assert page.button(key="paper_TableI_run").disabled, "no such recording is at hand"
+    page.press("paper_TableI_starts")
     assert len(session.segment.vehicles) == 2
     assert session.starts.wait(WAIT)
     found = [start.parameters.alpha[0] for start in session.starts.results]
     assert found == pytest.approx([0.08] * 5, rel=0.02)
     shown = open_page("Compare", session).open_tab("compare_tabs", "Repeatability").plain()
     assert "All 5 trainings end within" in shown
-    page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
-    page.press("home_Figure8_panels")
+    page = open_page("Reproduce", session).open_tab("paper_tabs", "One at a time")
+    page.press("paper_Figure8_panels")
     assert session.choices[TABS] == PANELS
 
 
@@ -153,8 +152,9 @@ def test_a_table_of_the_paper_takes_two_clicks(
     table = reproduction_table(printed, rows)
     assert page.sound().shows(table, len(table.rows))
     assert learned_line(printed, rows) in page.plain()
-    page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
-    page.choose("home_printed", printed.vehicles.title)
+    page = open_page("Reproduce", session)
+    assert item.compared(rows).deviation in page.plain()
+    page.choose("paper_printed", printed.vehicles.title)
     assert page.shows(table, len(table.rows))
     session.choose(window=Window(0.0, 60.0))
     assert open_page("Data", session).press(f"data_{title.replace(' ', '')}")

@@ -25,7 +25,10 @@ from tests.support.proxy import NAME, proxy
 from tests.support.server import FEW_DRAWS, Server, running
 
 Result = TypeVar("Result")
-PAGES = "Home", "Data", "Train", "Stability", "Platoon", "Compare", "Snapshots", "Database"
+PAGES = (
+    "Home", "Data", "Train", "Stability", "Platoon", "Compare", "Snapshots", "Database",
+    "Reproduce",
+)  # fmt: skip
 
 
 def _run(work: Coroutine[Any, Any, Result]) -> Result:

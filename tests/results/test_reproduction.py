@@ -12,10 +12,13 @@ from accpinn.recordings.openacc import read
 from accpinn.results.reproduction import (
     DEVIATION,
     ITEMS,
+    PANELS,
     TICK,
     TOLERANCE,
     PrintedVerdicts,
     beside_printed,
+    compared_panels,
+    compared_peaks,
     deviations,
     inconsistencies,
     learned_line,
@@ -38,7 +41,7 @@ def test_a_verdict_that_does_not_follow_is_counted() -> None:
     wrong = PrintedVerdicts(VICOLUNGO, (False, True, False), (False,) * 3)
     assert wrong.agreeing == 5
     (item,) = (item for item in ITEMS if item.title == "Table III")
-    assert replace(item, verdicts=(wrong,)).outcome.startswith("5 of 6 ")
+    assert replace(item, verdicts=(wrong,)).compared(None).recomputed.startswith("5 of 6 ")
 
 
 def test_peaks_stand_beside_the_printed_verdicts() -> None:
@@ -76,13 +79,35 @@ def test_the_papers_contradictions_are_computed_from_its_own_table() -> None:
         below = (alpha - square) ** 2 + (alpha * tau + beta) ** 2 * square
         return np.asarray(10 * np.log10((beta**2 * square + alpha**2) / below))
 
-    text, caption = inconsistencies()
+    text, caption, verdict = inconsistencies()
+    assert ASTAZERO.labels[3] in verdict
     audi, tesla = ASTAZERO.parameters[0], ASTAZERO.parameters[3]
     gain = decibels(audi, omega)
     assert "1.2 dB at 0.25 rad/s" in text
     assert f"{gain.max():.2f} dB at {omega[gain.argmax()]:.3f} rad/s for AstaZero" in text
     assert f"{decibels(tesla, 0.25):.2f} dB" in caption
     assert ("3.56 dB at 0.214 rad/s" in text, "-0.46 dB" in caption) == (True, True)
+
+
+def test_the_figures_stand_beside_what_was_learned() -> None:
+    """Independently: |H|² as above, to the power of eight followers."""
+    learned = Parameters.of(ASTAZERO.parameters.values * [1.1, 1.0, 1.0])
+    for panel in PANELS:
+        alpha, beta, tau = ASTAZERO.parameters[panel.vehicle].values
+        square = panel.frequency**2
+        ratio = (beta**2 * square + alpha**2) / (
+            (alpha - square) ** 2 + (alpha * tau + beta) ** 2 * square
+        )
+        assert panel.gain(ASTAZERO.parameters) == pytest.approx(ratio**4, rel=1e-9)
+        assert f"{panel.letter} {ratio**4:.2f}" in compared_panels(None).recomputed
+        off = 100 * (panel.gain(learned) / ratio**4 - 1)
+        assert f"{panel.letter} {off:+.0f}".replace("-", "−") in compared_panels(learned).deviation
+    unstable = {panel.letter for panel in PANELS if panel.printed == "unstable"}
+    assert unstable == {p.letter for p in PANELS if p.gain(ASTAZERO.parameters) > 1}
+    assert (compared_panels(None).learned, compared_peaks(None).deviation) == ("", "")
+    assert "1.2 dB at 0.25 rad/s" in compared_peaks(None).printed
+    assert compared_peaks(ASTAZERO.parameters).deviation.startswith("+0.00 dB")
+    assert not compared_peaks(learned).deviation.startswith("+0.00 dB")
 
 
 def test_runs_and_samples_exist(openacc_dir: Path) -> None:

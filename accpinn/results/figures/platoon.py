@@ -4,6 +4,7 @@ import colorsys
 import html
 from collections import Counter
 from functools import cache
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 from plotly.colors import hex_to_rgb, sample_colorscale
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.model.cthp import Trajectories
+from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
+from accpinn.results.reproduction import PANEL_FOLLOWERS, PANELS
 from accpinn.results.vehicles import Cast
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
@@ -59,9 +61,6 @@ SOFTENED = 0.8
 """Saturation of the shades, relative to the colour's."""
 PANEL_POINTS = 500
 """Largest number of points a line of the paper's panels."""
-PANEL_FOLLOWERS = 8
-PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
-"""AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
 Span = tuple[Seconds, Seconds]
 """Beginning and end of a part of a run, by its clock."""
 View = Literal["observer", "leader", "road"]
@@ -357,30 +356,46 @@ def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
 
 
 @cache
-def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
+def paper_panels(height: int = 300) -> tuple[tuple[str, go.Figure], ...]:
     """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
 
-    Row by row, two a row, each with its title; those of a vehicle have the same axis of speed.
+    Row by row, two a row, each with its title, all on one scale. The height is in pixels.
     """
     runs = [
-        simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
-        for k, frequency in PANELS
+        simulate_platoon(
+            ASTAZERO.parameters[[panel.vehicle] * PANEL_FOLLOWERS], Sinusoid(panel.frequency)
+        )
+        for panel in PANELS
     ]
-    reach: dict[int, float] = {}
-    for (k, _), run in zip(PANELS, runs, strict=True):
-        reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
+    reach = 1.05 * max(float(run.largest_deviation.max()) for run in runs)
     panels = []
-    for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True):
-        cast, driven = Cast(ASTAZERO, (k,) * PANEL_FOLLOWERS), run.trajectories
+    for panel, run in zip(PANELS, runs, strict=True):
+        cast = Cast(ASTAZERO, (panel.vehicle,) * PANEL_FOLLOWERS)
+        driven, name = run.trajectories, ASTAZERO.labels[panel.vehicle]
         paints = colours_of(cast)
-        chart = style.Chart(f"platoon-panel-{letter}", 300, channels=(SPEED,))
-        chart.axis("y", range=[run.leader.speed - reach[k], run.leader.speed + reach[k]])
+        chart = style.Chart(f"platoon-panel-{panel.letter}", height, channels=(SPEED,))
+        chart.axis("y", range=[run.leader.speed - reach, run.leader.speed + reach])
         for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
             _draw(chart, driven.time, cast.labels[j], paints[j], driven.speeds[:, j],
                   points=PANEL_POINTS, width=WIDTHS[j > 0], legendrank=j)  # fmt: skip
-        title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
+        title = f"({panel.letter}) {name} at {panel.frequency:g} rad/s: {_fate(run)}"
         panels.append((title, chart.figure()))
     return tuple(panels)
+
+
+def panels_thumbnail(learned: Parameters | None = None) -> go.Figure:
+    """How the amplitude grows or fades along the platoon of each panel, small and without axes.
+
+    The AstaZero followers' learned parameters (M,) are dashed.
+    """
+    chart, places = style.thumbnail(), np.arange(PANEL_FOLLOWERS + 1)
+    drawn = [(ASTAZERO.parameters, "solid")] + ([] if learned is None else [(learned, "dash")])
+    for (parameters, dash), panel in product(drawn, PANELS):
+        growth = panel.gain(parameters) ** (places / PANEL_FOLLOWERS)
+        colour = colours(ASTAZERO)[panel.vehicle]
+        chart.line(places, growth, colour=colour, width=1.6, dash=dash, hoverinfo="skip")
+    chart.level("y", 1, {"color": style.LEADER, "width": 1.2}, "below")
+    return chart.figure()
 
 
 def _fate(run: PlatoonRun) -> str:

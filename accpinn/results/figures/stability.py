@@ -15,8 +15,9 @@ from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import style
+from accpinn.results.reproduction import PANELS, TEXT_PEAK, TEXT_PEAK_AT
 from accpinn.results.vehicles import KnownVehicles
-from accpinn.stability import StabilityReport
+from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import (
     response,
     smallest_headway_exact,
@@ -77,6 +78,8 @@ BAND_POINTS = 120
 """Points of a band along the frequencies."""
 ACROSS: Mapping[Plane, int] = {"alpha": 0, "beta": 1}
 """Index of the parameter on a map's horizontal axis."""
+PAPER_TOP = 4.2
+"""Top of the paper's Bode plots in dB, above every peak of its Table III."""
 LEAST_PEAK = 4.0
 """Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
@@ -355,15 +358,63 @@ def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> 
     return f"Clouds: parameter sets consistent with the data{missing}."
 
 
-def gains_thumbnail(vehicles: ParameterSet) -> go.Figure:
-    """The Bode magnitudes of followers, small and without axes."""
+def gains_thumbnail(vehicles: ParameterSet, learned: Parameters | None = None) -> go.Figure:
+    """The Bode magnitudes of followers, small and without axes; of those ``learned``, dashed."""
     chart, omega = style.thumbnail(), np.geomspace(*SPAN, 75)
     gains = decibels(np.abs(response(vehicles.parameters, omega)))
-    for gain, colour in zip(gains, colours(vehicles), strict=True):
-        chart.line(omega, gain, colour=colour, width=1.6, hoverinfo="skip")
+    _draw_plain(chart, omega, vehicles, learned, width=1.6)
     chart.axis("x", type="log")
     chart.axis("y", range=[-6, max(LEAST_PEAK, 1.1 * float(gains.max()))])
     chart.level("y", 0, LIMIT, "below")
+    return chart.figure()
+
+
+def _draw_plain(
+    chart: style.Chart, omega: FloatArray, vehicles: ParameterSet,
+    learned: Parameters | None = None, width: float = 2.2,
+) -> None:  # fmt: skip
+    """Draw the Bode magnitude of each follower, and dashed the one that was learned.
+
+    The learned parameters are (M,), or one set for all.
+    """
+    names, paints = vehicles.labels, colours(vehicles)
+    for parameters, dash, what in (
+        (vehicles.parameters, "solid", ""),
+        (learned, "dash", "learned"),
+    ):
+        if parameters is None:
+            continue
+        levels = decibels(np.abs(response(parameters, omega)))
+        for name, colour, level in zip(names, paints, levels, strict=False):
+            label = f"{name}, {what}" if what else name
+            hover = f"{AT}<extra>{html.escape(label)}</extra>"
+            chart.line(omega, level, label, colour, width, dash, hover=hover)
+
+
+def paper_bode(
+    vehicles: ParameterSet, learned: Parameters | None = None, height: int = 230
+) -> go.Figure:
+    """One of the paper's two Bode plots, by its Table III, and what its text says of it.
+
+    Learned parameters (M,) are dashed. A cross marks the text's largest amplitude, vertical lines
+    the frequencies of the four panels. The height is in pixels.
+    """
+    chart = style.Chart(f"paper-bode-{vehicles.title}", height, hoverdistance=200)
+    report, omega = stability_report(vehicles.parameters), np.geomspace(*SPAN, FREQUENCIES)
+    chart.area("y", 0, PAPER_TOP, L2_UNSTABLE)
+    chart.level("y", 0, LIMIT, "below")
+    for frequency in sorted({panel.frequency for panel in PANELS}):
+        chart.level("x", frequency, {"color": style.LEADER, "width": 1, "dash": "dot"}, "below")
+    _draw_plain(chart, omega, vehicles, learned)
+    _draw_peaks(chart, vehicles, report)
+    chart.dots(
+        [TEXT_PEAK_AT], [TEXT_PEAK], "the paper's text", showlegend=False,
+        hover=f"{AT}<extra>the paper's text</extra>",
+        marker={"symbol": "x", "size": 9, "color": style.MODEL},
+    )  # fmt: skip
+    chart.words(html.escape(vehicles.title.partition(" (")[0]), 0.01, 0.02)
+    chart.axis("x", AXIS_OF_FREQUENCY, type="log", range=np.log10(SPAN).tolist(), **TICKS)
+    chart.axis("y", MAGNITUDE.heading, range=[-6, PAPER_TOP])
     return chart.figure()
 
 

@@ -37,7 +37,7 @@ HERE = Path(__file__).parent
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
 COMPARE, DATABASE = "pages/5_Compare.py", "pages/7_Database.py"
-SNAPSHOTS = "pages/6_Snapshots.py"
+SNAPSHOTS, REPRODUCE = "pages/6_Snapshots.py", "pages/8_Reproduce.py"
 
 _ICONS = {
     HOME: "home",
@@ -48,6 +48,7 @@ _ICONS = {
     COMPARE: "compare_arrows",
     DATABASE: "database",
     SNAPSHOTS: "inventory_2",
+    REPRODUCE: "article",
 }
 """All pages, in the order of the links to them."""
 
@@ -57,7 +58,7 @@ SIDEBAR = 230
 NAMED = 3
 """Windows that are named one by one."""
 
-CHARTED = ("Stability", "Platoon", "Database")
+CHARTED = ("Stability", "Platoon", "Database", "Reproduce")
 """Pages that have charts also where nothing is open."""
 
 FAILED = "The program failed {}; what was open stays open."

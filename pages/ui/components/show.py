@@ -212,6 +212,11 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     return st.plotly_chart(figure, key=key, config=config, **options)
 
 
+def picture(figure: go.Figure, key: str) -> None:
+    """Draw a small figure that answers to nothing."""
+    st.plotly_chart(figure, key=key, config={"staticPlot": True})
+
+
 def charts(drawn: Sequence[tuple[str, go.Figure]], page: str) -> None:
     """Charts two by two, by name; a row each, so that a narrow screen keeps their order."""
     for at in range(0, len(drawn), 2):

@@ -29,20 +29,31 @@ from pages.ui.session.workspace import Workspace
 
 OPENING = "data_opening"
 """The entry in Streamlit's session state that shows the ways to open another recording."""
+RUN = "data_run"
+"""The entry with the published run that is chosen there."""
 MIRROR_VARIABLE = "ACCPINN_MIRROR"
 """Environment variable with the address of a mirror of the publisher's files."""
 
 
 def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], None] | None:
     """What opens a campaign's recording: opened before, or in the server's folder."""
-    for known in workspace.opened.values():
-        if known.source == file and known.campaign in (None, campaign):
-            return lambda: workspace.open(known)
+    place = place_of_run(workspace, campaign, file)
+    if place is None:
+        return None
+    if isinstance(place, Recording):
+        return lambda: workspace.open(place)
+    return lambda: open_file(workspace, place)
+
+
+def place_of_run(workspace: Workspace, campaign: str, file: str) -> Recording | Path | None:
+    """A campaign's recording that was opened before, or its file in the server's folder."""
+    for recording in workspace.opened.values():
+        if recording.source == file and recording.campaign in (None, campaign):
+            return recording
     others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
     named = [path for path in resources.listed() if path.name == file]
     paths = [path for path in named if others.isdisjoint(path.parts)]
-    path = min(paths, key=lambda path: campaign not in path.parts, default=None)
-    return (lambda: open_file(workspace, path)) if path else None
+    return min(paths, key=lambda path: campaign not in path.parts, default=None)
 
 
 def open_file(workspace: Workspace, source: bytes | Path, name: str | None = None) -> None:
@@ -191,7 +202,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     states = {run: "here" if run in present else "to be downloaded" for run in runs}
     run = st.selectbox(
         f"Published OpenACC run ({len(present)} of {len(runs)} are here)", runs, index=None,
-        format_func=lambda run: f"{run.key} · {states[run]}", key="data_run",
+        format_func=lambda run: f"{run.key} · {states[run]}", key=RUN,
         placeholder="Search by campaign or file",
         help="All runs that the Joint Research Centre publishes. Those that are not here"
         " yet are downloaded into the folder of recordings.",

@@ -26,9 +26,11 @@ from accpinn.study.run import analysis_of
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.study.store import Entry
 from accpinn.tasks import (
+    Part,
     Task,
     comparison_task,
     judgement_task,
+    series_task,
     starts_task,
     training_task,
 )
@@ -96,6 +98,8 @@ class Workspace:
     """All methods on the windows, while they run and when they are done."""
     starts: Task[Result] | None = None
     """Trainings of the windows from several initial values."""
+    reproduction: Task[Result] | None = None
+    """Trainings of what the paper's tables take, whatever recording is open."""
     judgement: Task[tuple[Judgement, ...]] | None = None
     """Car-following models on the recording's windows."""
     cars: dict[int, Task[Result]] = field(default_factory=dict)
@@ -450,6 +454,13 @@ class Workspace:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
             self.starts = self._submit(task)
 
+    def reproduce(self, parts: Sequence[Part]) -> None:
+        """Queue the trainings of the paper's tables."""
+        task = series_task(
+            self.id, "reproduction", parts, resources.store(), shown_to=self._shown_to
+        )
+        self.reproduction = self._submit(task)
+
     @property
     def subjects(self) -> tuple[Subject, ...]:
         """The followers that models can be judged on: in all windows, or blocks of the chosen one.
@@ -482,7 +493,8 @@ class Workspace:
     @property
     def tasks(self) -> tuple[Task[Any], ...]:
         """All that were asked for."""
-        return (*self._of_segment, *self.cars.values())
+        others = (self.reproduction,) if self.reproduction else ()
+        return (*self._of_segment, *self.cars.values(), *others)
 
     @property
     def _of_segment(self) -> tuple[Task[Any], ...]:

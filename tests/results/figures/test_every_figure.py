@@ -126,6 +126,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "recording.motion": lambda: on_recording.motion(SEGMENT.info, SEGMENT.measured),
     "recording.beginning": lambda: on_recording.beginning(RUN),
     "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
+    "platoon.panels_thumbnail": lambda: platoon.panels_thumbnail(ASTAZERO.parameters),
     "stability.bode": lambda: on_stability.bode(known_vehicles(known())),
     "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
         known_vehicles(known())
@@ -135,6 +136,9 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(
         known_vehicles(known()).vehicles
+    ),
+    "stability.paper_bode": lambda: on_stability.paper_bode(
+        replace(ASTAZERO, labels=(NAME,) * 4), ASTAZERO.parameters
     ),
     "stability.measured_bode": lambda: on_stability.measured_bode(
         measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR
