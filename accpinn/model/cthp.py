@@ -343,10 +343,17 @@ def add_command(
 
 
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
-    """(count, K) the states x, Ex, E²x, .. that a linear system E (K, K) takes from x (K,)."""
-    states = np.zeros((count, len(start)))
-    states[0] = start
-    _accumulate(transition, states)
+    """(count, K) the states x, Ex, E²x, .. that a linear system E (K, K) takes from x (K,).
+
+    Each round doubles the states that are there, so no loop runs over their number.
+    """
+    states = np.empty((count, len(start)))
+    states[:1] = start
+    reach, power = 1, transition.T
+    while reach < count:
+        later = states[reach : 2 * reach]
+        np.matmul(states[: len(later)], power, out=later)
+        reach, power = 2 * reach, power @ power
     return states
 
 
