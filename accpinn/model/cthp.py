@@ -91,15 +91,19 @@ class Parameters:
     def of(cls, values: ArrayLike) -> Self:
         """Parameters from an array (.., 3) of α, β, τ, or one as `everything`, or its first six."""
         try:
-            columns = np.moveaxis(np.asarray(values, np.float64), -1, 0)
+            rows = np.asarray(values, np.float64)
         except (TypeError, ValueError):
-            columns = np.empty(0)
-        if len(columns) < 3:
+            rows = np.empty(0)
+        if rows.ndim == 0 or rows.shape[-1] < 3:
             raise ParameterError(
                 f"parameters: {shown(values)} is no array (.., 3) of numbers; give α, β and τ"
                 " along the last axis."
             )
-        return cls(*columns)
+        if (missing := 6 - rows.shape[-1]) > 0:
+            rows = np.concatenate([rows, np.zeros((*rows.shape[:-1], missing))], axis=-1)
+        parameters = cls.__new__(cls)
+        parameters.everything = frozen(rows)
+        return parameters
 
     @property
     def complete(self) -> FloatArray:
@@ -156,8 +160,10 @@ class Parameters:
     @property
     def theta(self) -> FloatArray:
         """(.., 3): θ = (α, ατ, β); ατ = 0 where α = 0."""
-        alpha, beta, tau = np.moveaxis(self.values, -1, 0)
-        return np.stack([alpha, np.where(alpha == 0, 0.0, alpha * tau), beta], axis=-1)
+        alpha, tau = self.everything[..., 0], self.everything[..., 2]
+        theta = self.everything[..., [0, 2, 1]]
+        theta[..., 1] = np.where(alpha == 0, 0.0, alpha * tau)
+        return theta
 
     def __len__(self) -> int:
         """The number of vehicles along the first axis."""
@@ -337,20 +343,36 @@ def add_command(
 
 
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
-    """(count, K) the states x, Ex, E²x, .. that a linear system E (K, K) takes from x (K,)."""
-    states = np.zeros((count, len(start)))
-    states[0] = start
-    _accumulate(transition, states)
+    """(count, K) the states x, Ex, E²x, .. that a linear system E (K, K) takes from x (K,).
+
+    Each round doubles the states that are there, so no loop runs over their number.
+    """
+    states = np.empty((count, len(start)))
+    states[:1] = start
+    reach, power = 1, transition.T
+    while reach < count:
+        later = states[reach : 2 * reach]
+        np.matmul(states[: len(later)], power, out=later)
+        reach, power = 2 * reach, power @ power
     return states
 
 
 def _accumulate(transition: FloatArray, states: FloatArray) -> None:
     """Turn f_0, f_1, .. (N, K) into x_0 = f_0, x_k = E x_{k-1} + f_k, in place.
 
-    Each round lets every sum reach twice as far back, so no loop runs over the N steps: after j
-    rounds row k holds the last 2^j terms of f_k + E f_{k-1} + E² f_{k-2} + ..
+    No loop runs over the N steps. On the way up, rows 2^j apart are joined pair by pair, so that
+    row k = i 2^j - 1 holds the last 2^j terms of f_k + E f_{k-1} + E² f_{k-2} + ..; on the way down
+    each row between two that are complete gets what the one before it holds.
+
+    Source: Brent and Kung, IEEE Transactions on Computers 31, 1982 (the parallel prefix).
     """
-    reach, power = 1, transition.T
-    while reach < len(states):
-        states[reach:] += states[:-reach] @ power
-        reach, power = 2 * reach, power @ power
+    count, powers = len(states), [transition.T]
+    while 2 << len(powers) <= count:
+        powers.append(powers[-1] @ powers[-1])
+    ways = [(1 << j, power) for j, power in enumerate(powers)]
+    for reach, power in ways:
+        later = states[2 * reach - 1 :: 2 * reach]
+        later += states[reach - 1 :: 2 * reach][: len(later)] @ power
+    for reach, power in ways[::-1]:
+        later = states[3 * reach - 1 :: 2 * reach]
+        later += states[2 * reach - 1 :: 2 * reach][: len(later)] @ power

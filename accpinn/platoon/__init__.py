@@ -325,7 +325,8 @@ def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
 
 def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Trajectories:
     """Deviations from the equilibrium, in which the platoon starts; ``time`` (N,) in s."""
-    size, phases = len(motion_matrix(parameters)), leader.phases()
+    matrix, phases = motion_matrix(parameters), leader.phases()
+    size = len(matrix)
     step = (time[-1] - time[0]) / (len(time) - 1)
     result = np.zeros((len(time), size + 1))  # p_1, v_1, .., p_M, v_M, .. and the leader's speed
     followers = np.zeros(size)
@@ -334,8 +335,10 @@ def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Tr
     for phase, (start, end), (first, last) in zip(
         phases, pairwise(starts), pairwise(edges), strict=True
     ):
-        generator = _generator(parameters, phase.frequency)
         state = np.concatenate([followers, [phase.level, phase.slope, 0.0, phase.amplitude]])
+        if not state.any():
+            continue  # the equilibrium stays
+        generator = _generator(matrix, phase.frequency)
         if last > first:
             offset = max(time[first] - start, 0.0)
             begin = expm(generator * offset) @ state if offset else state
@@ -350,9 +353,8 @@ def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Tr
     return Trajectories(time, speeds, result[:, 0:moving:2])
 
 
-def _generator(parameters: Parameters, frequency: float) -> FloatArray:
-    """(K+4, K+4): G."""
-    matrix = motion_matrix(parameters)
+def _generator(matrix: FloatArray, frequency: float) -> FloatArray:
+    """(K+4, K+4): G of a platoon with the motion matrix (K, K+1)."""
     size = len(matrix)
     level, slope, sine, cosine = range(size, size + 4)
     generator = np.zeros((size + 4, size + 4))
@@ -399,14 +401,15 @@ def _meaningful(driven: Trajectories, collisions: tuple[Collision, ...]) -> NDAr
 def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
     """Amplitudes measured in the run and predicted, with the time until they can agree."""
     single = response(parameters, np.array([leader.frequency]))[:, 0]
-    settled = _settled(parameters, leader, single)
+    rates = [slowest_rate(vehicle) for vehicle in parameters]
+    settled = _settled(parameters, leader, single, rates)
     driven = max(run.time[-1] - leader.settle, 0.0)
     free = (driven - np.max(settled)) / leader.period
     periods = min(int(driven / leader.period + 1e-9), int(np.clip(free, 1, PERIODS)))
     measured = _measured(leader, run, periods) if periods else np.full(len(settled), np.nan)
     with np.errstate(invalid="ignore"):  # an infinite response may meet one of zero
         along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
-    unstable = np.cumsum([0] + [slowest_rate(vehicle) < 0 for vehicle in parameters]) > 0
+    unstable = np.cumsum([0] + [rate < 0 for rate in rates]) > 0
     predicted = np.where(unstable, np.inf, np.nan_to_num(along, nan=0.0, posinf=np.inf))
     findings = _amplitude_findings(leader, settled, periods, run.time[-1])
     return Amplitudes(frozen(measured), frozen(predicted), frozen(settled), periods, findings)
@@ -435,11 +438,16 @@ def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
 
 
 def _settled(
-    parameters: Parameters, leader: Sinusoid, single: NDArray[np.complex128]
+    parameters: Parameters,
+    leader: Sinusoid,
+    single: NDArray[np.complex128],
+    rates: list[PerSecond],
 ) -> FloatArray:
-    """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`."""
-    rates = [slowest_rate(vehicle) for vehicle in parameters]
-    endless = [k for k, rate in enumerate(rates) if rate <= 0 and parameters[k].alpha > 0]
+    """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`.
+
+    ``single`` are the (M,) responses at the leader's frequency, ``rates`` the (M,) slowest decays.
+    """
+    endless = [k for k, rate in enumerate(rates) if rate <= 0 and parameters.alpha[k] > 0]
     count = min(endless, default=len(parameters))
     settled = np.full(len(parameters) + 1, np.inf)
     settled[: count + 1] = 0.0

@@ -6,7 +6,7 @@ those of the CTHP; they say nothing of disturbances so large that the linearisat
 Further sentences about them are in `results.messages.stability`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -27,7 +27,7 @@ from accpinn.stability.criteria import (
     exact_margin,
     l2_criterion,
     l2_margin,
-    onset,
+    onsets,
     paper_criterion,
     paper_margin,
     peaks,
@@ -215,7 +215,7 @@ def stability_report(parameters: Parameters) -> StabilityReport:
     """
     parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)
-    vehicles = tuple(map(_vehicle, parameters, clean))
+    vehicles = _vehicles(parameters, clean)
     return StabilityReport(vehicles, _platoon(vehicles, clean))
 
 
@@ -245,30 +245,52 @@ def peak_gains(
     return gains
 
 
-def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
-    """The string stability of one vehicle, by its parameters as given and as checked."""
-    metrics, (peak,) = step_metrics(vehicle), peaks(vehicle[None])
-    gain, crossover = float(metrics.gain), float(crossovers(vehicle))
-    paper, value = float(paper_margin(vehicle)), float(paper_criterion(vehicle))
-    closeness = float(l2_margin(vehicle)) if vehicle.alpha else 0.0  # without α on the boundary
+def _vehicles(given: Parameters, clean: Parameters) -> tuple[VehicleStability, ...]:
+    """The string stability of each vehicle (V,), by its parameters as given and as checked."""
+    assessed = dict[int, VehicleStability]()
+    lagged = (clean.complete[:, 4:] > 0).any(axis=1)
+    for kind in (lagged, ~lagged):  # without lag or delay all is in closed form
+        if kind.any():
+            rows = np.flatnonzero(kind)
+            assessed.update(zip(rows.tolist(), _of_one_kind(given[rows], clean[rows]), strict=True))
+    return tuple(assessed[row] for row in sorted(assessed))
+
+
+def _of_one_kind(given: Parameters, clean: Parameters) -> Iterator[VehicleStability]:
+    """The string stability of vehicles (V,), all of which have a lag or a delay, or none has."""
+    metrics, lagged = step_metrics(clean), is_lagged(clean)
     kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
-    has_headways = vehicle.alpha and not is_lagged(vehicle)
-    headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if has_headways else None
-    kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle, metrics.gain))
-    return VehicleStability(
-        parameters=given,
-        behaviour=_behaviour(vehicle, value),
-        l2=Verdict(Criterion.L2, *_against(closeness, peak.gain), kappa),
-        linf_paper=Verdict(Criterion.LINF_PAPER, paper > MARGINAL, abs(paper) <= MARGINAL, value),
-        linf_exact=Verdict(Criterion.LINF_EXACT, *_against(exact, gain), gain),
-        overshoot=float(metrics.overshoot),
-        peak=peak,
-        crossover=crossover if crossover > 0 else None,
-        onset=onset(vehicle),
-        damping_ratio=_damping_ratio(vehicle),
-        poles=poles(vehicle),
-        smallest_tau=headways,
+    columns = (
+        metrics.gain,
+        metrics.overshoot,
+        np.where(clean.alpha > 0, l2_margin(clean), 0.0),  # without α on the boundary
+        l2_criterion(clean),
+        paper_margin(clean),
+        paper_criterion(clean),
+        exact_margin(clean, metrics.gain),
+        crossovers(clean),
+        onsets(clean),
+        *(kind(clean) for kind in kinds),
     )
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    for part, vehicle, peak, row in zip(given, clean, peaks(clean), rows, strict=True):
+        gain, overshoot, closeness, kappa, paper, value, exact, crossover, onset, *headways = row
+        linf_paper = paper > MARGINAL, abs(paper) <= MARGINAL
+        motion = poles(vehicle)
+        yield VehicleStability(
+            parameters=part,
+            behaviour=_behaviour(vehicle, motion, value),
+            l2=Verdict(Criterion.L2, *_against(closeness, peak.gain), kappa),
+            linf_paper=Verdict(Criterion.LINF_PAPER, *linf_paper, value),
+            linf_exact=Verdict(Criterion.LINF_EXACT, *_against(exact, gain), gain),
+            overshoot=overshoot,
+            peak=peak,
+            crossover=crossover if crossover > 0 else None,
+            onset=onset,
+            damping_ratio=_damping_ratio(vehicle),
+            poles=motion,
+            smallest_tau=Headways(*headways) if vehicle.alpha and not lagged else None,
+        )
 
 
 def _against(margin: float, gain: float) -> tuple[bool, bool]:
@@ -277,14 +299,14 @@ def _against(margin: float, gain: float) -> tuple[bool, bool]:
     return stable, abs(margin) <= MARGINAL or (not stable and gain <= 1.0 + MARGINAL)
 
 
-def _behaviour(vehicle: Parameters, discriminant: float) -> Behaviour:
+def _behaviour(vehicle: Parameters, motion: tuple[complex, ...], discriminant: float) -> Behaviour:
+    """The kind of motion of a vehicle with these poles, the slowest first."""
     if not vehicle.alpha:
         return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
     if not vehicle.beta and not vehicle.tau:
         return Behaviour.UNDAMPED
     if is_lagged(vehicle):
-        slowest = poles(vehicle)[0]
-        return Behaviour.COMPLEX_POLES if slowest.imag else Behaviour.REAL_POLES
+        return Behaviour.COMPLEX_POLES if motion[0].imag else Behaviour.REAL_POLES
     return Behaviour.REAL_POLES if discriminant >= 0 else Behaviour.COMPLEX_POLES
 
 

@@ -66,7 +66,7 @@ from accpinn.stability.lagged import (
     polynomials,
     step_gain,
 )
-from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
+from accpinn.units import FloatArray, PerSecond
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -300,11 +300,11 @@ def crossovers(parameters: Parameters) -> FloatArray:
     return np.sqrt(np.where((kappa < 0) & (parameters.alpha > 0), -kappa, np.nan))
 
 
-def onset(vehicle: Parameters) -> RadiansPerSecond:
-    """The ω in rad/s above which a vehicle amplifies; 0 from zero on, as without lag or delay."""
-    if not is_lagged(vehicle):
-        return 0.0
-    return float(np.nan_to_num(lagged_stability(vehicle.flat).onset[0]))
+def onsets(parameters: Parameters) -> FloatArray:
+    """ω in rad/s above which a vehicle amplifies; 0 from zero on, as without lag or delay."""
+    if not is_lagged(parameters):
+        return np.zeros(parameters.complete.shape[:-1])
+    return _each(parameters, np.nan_to_num(lagged_stability(parameters.flat).onset))
 
 
 def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex128]":

@@ -3,7 +3,7 @@
 The speed of follower k answers the leader's by G_k = H_1 H_2 .. H_k.
 
 max |G_k(jω)| lies below the largest crossover frequency. It is looked for there on a grid that
-holds every vehicle's own peak, then found by bisection of
+holds every vehicle's own peak, then found as the root of
 
     d log|G_k|² / dx = -Σ g_i' / (1 + g_i),   g_i = x(x + κ_i) / (α_i² + β_i²x),   x = ω²
 
@@ -13,6 +13,7 @@ with longer and longer steps, and each turning point is located by the cubic thr
 neighbours. The error is estimated by leaving out every second state.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -31,15 +32,18 @@ from accpinn.stability.criteria import (
     slowest_rate,
     step_metrics,
 )
-from accpinn.stability.lagged import attenuation, polynomials
+from accpinn.stability.lagged import Attenuation, polynomials
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
 """Number of frequencies among which the peak is first looked for."""
 LOWEST = 1e-3
 """Lowest of these frequencies, relative to the smallest crossover."""
-BISECTIONS = 60
-"""Number of bisections; more would not change a double."""
+HALVINGS = 60
+"""Largest number of halvings of an interval; more would not change a double."""
+RESOLUTION = 1e-12
+"""Relative change of a peak's x at which it is found: the next, as convergence is quadratic, would
+be below a double's, and rounding of the slope moves x by as much as some 1e-14."""
 SAMPLES = 4096
 """Number of states in each stage of the step response."""
 STRETCH = 4
@@ -98,21 +102,43 @@ def _ordinary_peaks(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     edges = crossovers(parameters)
     if np.isnan(edges).all():
         return np.zeros(len(edges)), np.zeros(len(edges))
-    lost = attenuation(parameters)
+    attenuation, reach = Attenuation(parameters), np.tri(len(edges))
     span = np.geomspace(LOWEST * np.nanmin(edges), np.nanmax(edges), GRID)
     single = peaks(parameters).omega  # of each vehicle alone
     x = np.unique(np.concatenate([span, single[single > 0]])) ** 2
-    best = np.argmin(np.cumsum(lost(x[:, None])[0], axis=1), axis=0)
+    best = np.argmin(np.cumsum(attenuation.lost(x[:, None]), axis=1), axis=0)
     low = np.concatenate([[0.0], x])[best]
     high = np.concatenate([x, x[-1:]])[best + 1]
-    reach = np.tri(len(edges))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        rising = (reach * lost(middle[:, None])[1]).sum(axis=1) < 0
-        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    log_gain = -0.5 * (reach * lost(high[:, None])[0]).sum(axis=1)
+    top = _turning(lambda at: (reach * attenuation.slope(at[:, None])).sum(axis=1), low, high)
+    log_gain = -0.5 * (reach * attenuation.lost(top[:, None])).sum(axis=1)
     amplified = log_gain > 0
-    return np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0)
+    return np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(top), 0.0)
+
+
+def _turning(
+    slope: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """(M,) x between low and high (M,) where a slope (M,) turns from negative to positive.
+
+    Where it does not turn, that is the end which the slope falls to. It is found by Ridders' method
+    (IEEE Transactions on Circuits and Systems 26, 1979), which halves each interval at least.
+    """
+    first, last = slope(low), slope(high)
+    low, high = np.where((first < 0) & (last < 0), high, low), np.where(first > 0, low, high)
+    top = high
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        value = slope(middle)
+        root = np.sqrt(np.maximum(value**2 - first * last, 0.0))
+        share = np.divide(value, root, out=np.zeros_like(value), where=root > 0)
+        before, top = top, np.clip(middle - (middle - low) * share, low, high)
+        if (np.abs(top - before) <= RESOLUTION * top).all():
+            break
+        for at, found in ((middle, value), (top, slope(top))):
+            inside, rising = (at > low) & (at < high), found < 0
+            low, first = (np.where(inside & rising, *pair) for pair in ((at, low), (found, first)))
+            high, last = (np.where(inside & ~rising, *pair) for pair in ((at, high), (found, last)))
+    return top
 
 
 def head_to_tail_gains(parameters: Parameters) -> Gains:

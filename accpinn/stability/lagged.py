@@ -18,7 +18,6 @@ Without lag and delay peak, crossover and gain are the closed forms of `criteria
 compare them, as to numerical integration of |h|. H(jω) and its attenuation have no other form.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -166,13 +165,6 @@ def _value(coefficients: FloatArray, x: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(polyval(x, coefficients.T[:, :, None], tensor=False))
 
 
-def _square_at(coefficients: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(V, K) |P(jω)|² of the polynomials at (V, K), and its derivative by ω²."""
-    s = 1j * omega
-    value, slope = _value(coefficients, s), _value(_derived(coefficients), s)
-    return np.abs(value) ** 2, (value.conj() * 1j * slope).real / omega
-
-
 def _positive(roots: NDArray[np.complex128]) -> FloatArray:
     """(V, n+1) the roots that are real and above zero, 0 in place of the others and last."""
     real = np.abs(roots.imag) <= 1e-7 * np.maximum(np.abs(roots), 1e-12)
@@ -236,23 +228,62 @@ def _overshoot_and_variation(
     return np.maximum(highest - final, 0.0), variation + np.abs(final - level)
 
 
-def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """The map from x = ω² (K, 1) to -log|H_i|² (K, M) of M vehicles, and its derivative by x.
+class Attenuation:
+    """-log|H_i|² of M vehicles as a function of x = ω², exact near 0 and near a resonance."""
 
-    It is kept exact near 0 and near a resonance.
-    """
-    upper, lower = polynomials(parameters)
-    rest = (_squared(lower) - _squared(upper))[:, 1:]
+    def __init__(self, parameters: Parameters) -> None:
+        """Take the polynomials of M vehicles."""
+        upper, lower = polynomials(parameters)
+        self._upper, self._lower = _in_phase(upper), _in_phase(lower)
+        self._rest = _trimmed((_squared(lower) - _squared(upper))[:, 1:])
 
-    def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        all_at = np.broadcast_to(x, (len(x), len(parameters))).T
-        (n, slope_n), (m, slope_m) = (_square_at(part, np.sqrt(all_at)) for part in (upper, lower))
+    def lost(self, x: FloatArray) -> FloatArray:
+        """(K, M) -log|H_i|² at x (K, 1)."""
+        n, m = (_magnitude(part, x) for part in (self._upper, self._lower))
         # The difference from 1 is exact where both are nearly equal.
-        excess = _value(rest, all_at) * all_at / n
-        lost = np.where(excess < -0.5, np.log(m / n), np.log1p(np.maximum(excess, -0.5)))
-        return lost.T, (slope_m / m - slope_n / n).T
+        excess = _horner(self._rest, x) * x / n
+        return np.where(excess < -0.5, np.log(m / n), np.log1p(np.maximum(excess, -0.5)))
 
-    return at
+    def slope(self, x: FloatArray) -> FloatArray:
+        """(K, M) the derivative of -log|H_i|² by x, at x (K, 1)."""
+        return _relative_slope(self._lower, x) - _relative_slope(self._upper, x)
+
+
+def _in_phase(coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """P(jω) = E(x) + jω O(x) with x = ω²: the coefficients of E and of O of polynomials (V, 6)."""
+    signs = np.array([1.0, -1.0, 1.0])
+    even, odd = (_trimmed(coefficients[:, first::2] * signs) for first in (0, 1))
+    return even, odd
+
+
+def _trimmed(coefficients: FloatArray) -> FloatArray:
+    """The coefficients (V, n) up to the last power, and at least one, that a polynomial has."""
+    powers = np.flatnonzero(coefficients.any(axis=0))
+    return coefficients[:, : powers[-1] + 1 if powers.size else 1]
+
+
+def _horner(coefficients: FloatArray, x: FloatArray) -> FloatArray:
+    """(K, V) the polynomials (V, n) at x (K, 1); (V,) where they are constants."""
+    value = coefficients[:, -1]
+    for column in coefficients.T[-2::-1]:
+        value = value * x + column
+    return value
+
+
+def _magnitude(parts: tuple[FloatArray, FloatArray], x: FloatArray) -> FloatArray:
+    """(K, V) |P(jω)|² of the polynomials `_in_phase` at x (K, 1)."""
+    even, odd = (_horner(part, x) for part in parts)
+    return even**2 + x * odd**2
+
+
+def _relative_slope(parts: tuple[FloatArray, FloatArray], x: FloatArray) -> FloatArray:
+    """(K, V) the derivative of log|P(jω)|² by x of the polynomials `_in_phase` at x (K, 1)."""
+    even, odd = (_horner(part, x) for part in parts)
+    slope, square = odd**2, even**2 + x * odd**2
+    for value, factor, part in ((even, 2.0, parts[0]), (odd, 2.0 * x, parts[1])):
+        if part.shape[1] > 1:
+            slope = slope + factor * value * _horner(_derived(part), x)
+    return np.asarray(slope / square)
 
 
 def frequency_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:

@@ -9,8 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
-from accpinn.model.cthp import LINEAR_NAMES, Parameters, collides, regressors, simulate
+from accpinn.model.cthp import (
+    LINEAR_NAMES,
+    Parameters,
+    collides,
+    orbit,
+    regressors,
+    respond,
+    simulate,
+)
 from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
 
@@ -113,3 +122,20 @@ def test_motion_is_that_of_the_equations_integrated_tightly(platoon: Parameters)
     motion = simulate(platoon, time, ahead, speeds, gaps)
     both = np.hstack([motion.gaps, motion.speeds[:, 1:]])
     np.testing.assert_allclose(both, np.array(states)[:, :8], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 7, 8, 9, 31, 32, 33, 100])
+def test_states_of_a_linear_system_are_those_of_a_loop_over_its_steps(count: int) -> None:
+    matrix = np.array([[-0.4, 1.0, 0.3], [-0.9, -0.2, 0.7]])
+    system, drive, start, step = matrix[:, :2], np.sin(np.arange(count)), np.array([2.0, -1.0]), 0.5
+    transition = expm(system * step)
+    integral = np.linalg.solve(system, transition - np.eye(2))  # of a held drive, and of a ramp
+    ramp = np.linalg.solve(system, integral - step * np.eye(2)) / step
+    free, driven = [start], [start]
+    for now, later in pairwise(drive):
+        free.append(transition @ free[-1])
+        forced = integral @ matrix[:, 2] * now + ramp @ matrix[:, 2] * (later - now)
+        driven.append(transition @ driven[-1] + forced)
+    np.testing.assert_allclose(orbit(transition, start, count), free, rtol=1e-12, atol=1e-13)
+    found = respond(matrix, drive, step, start)
+    np.testing.assert_allclose(found, driven, rtol=1e-12, atol=1e-13)

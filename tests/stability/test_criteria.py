@@ -17,6 +17,7 @@ from accpinn.stability.criteria import (
     l2_criterion,
     l2_margin,
     paper_margin,
+    peaks,
     poles,
     response,
     smallest_beta_exact,
@@ -136,9 +137,17 @@ def test_peak_is_the_largest_product_on_a_fine_grid() -> None:
     mixed = row(*(reference.vehicle for reference in TABLE))
     omega = np.geomspace(1e-3, 3.0, 100_001)
     largest = np.abs(np.cumprod(response(mixed, omega), axis=0)).max(axis=1)
-    found = head_to_tail_peaks(mixed).gain
-    np.testing.assert_allclose(found, largest, rtol=1e-7)
-    assert (found >= largest * (1 - 1e-12)).all()
+    found = head_to_tail_peaks(mixed)
+    np.testing.assert_allclose(found.gain, largest, rtol=1e-7)
+    assert (found.gain >= largest * (1 - 1e-12)).all()
+    assert found.omega[0] == pytest.approx(peaks(mixed).omega[0], rel=1e-10), "in closed form"
+    # A parabola through its neighbours has its top where the peak is.
+    near = found.omega[:, None] * (1 + np.array([-1e-3, 0.0, 1e-3]))
+    sides = np.array(
+        [np.log(np.abs(response(mixed[: k + 1], at))).sum(axis=0) for k, at in enumerate(near)]
+    )
+    bend = sides[:, 0] - 2 * sides[:, 1] + sides[:, 2]
+    np.testing.assert_allclose((sides[:, 0] - sides[:, 2]) / (2 * bend), 0, atol=5e-3)
 
 
 @given(platoons)

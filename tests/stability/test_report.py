@@ -1,6 +1,6 @@
 """Stability reports: the paper's tables, verdicts that agree with each other, and edge cases."""
 
-from math import inf, isnan
+from math import inf, isnan, nan
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from accpinn import Parameters, stability_report
 from accpinn.model.registry import FOLLOWING
-from accpinn.stability import Behaviour, VehicleStability, peak_gains, stability_at
+from accpinn.stability import Behaviour, VehicleStability, Verdict, peak_gains, stability_at
 from accpinn.stability.criteria import MARGINAL
 from tests.stability.references import TABLE, Reference, integral_of_magnitude
 from tests.support.vehicles import (
@@ -75,6 +75,33 @@ def test_at_a_speed_it_is_that_of_the_linearisation() -> None:
     assert (found[3], isnan(gains[3])) == (None, True)
     assert gains[:3] == pytest.approx([one.peak.db for one in found[:3]])
     assert np.ptp(gains[:3]) > 0.1
+
+
+def test_vehicles_of_different_kinds_are_assessed_as_each_by_itself() -> None:
+    late, slow = Parameters(0.1, 0.3, 1.3, delay=0.4), Parameters(0.06, 0.2, 1.5, lag=0.5)
+    platoon = row(TESLA, late, NO_GAP_CONTROL, CALM, slow)
+    for together, vehicle in zip(stability_report(platoon).vehicles, platoon, strict=True):
+        alone = of(vehicle)
+        assert (together.parameters, together.behaviour) == (vehicle, alone.behaviour)
+        assert (together.smallest_tau is None) == (alone.smallest_tau is None)
+        for verdicts in zip(verdicts_of(together), verdicts_of(alone), strict=True):
+            assert len({(v.criterion, v.stable, v.marginal) for v in verdicts}) == 1
+        np.testing.assert_allclose(numbers_of(together), numbers_of(alone), rtol=1e-12)
+
+
+def verdicts_of(vehicle: VehicleStability) -> tuple[Verdict, ...]:
+    return vehicle.l2, vehicle.linf_paper, vehicle.linf_exact
+
+
+def numbers_of(vehicle: VehicleStability) -> list[complex]:
+    """All numbers of a vehicle; nan for those that it has not."""
+    optional = vehicle.crossover, vehicle.damping_ratio
+    return [
+        *(verdict.value for verdict in verdicts_of(vehicle)),
+        *(nan if number is None else number for number in optional),
+        *(vehicle.overshoot, vehicle.onset, vehicle.peak.gain, vehicle.peak.omega),
+        *vehicle.poles,
+    ]
 
 
 class TestDegenerate:
