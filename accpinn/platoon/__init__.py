@@ -459,13 +459,14 @@ def _settled(
     turning = 1j * leader.frequency * np.eye(len(system))
     start = np.asarray(-np.linalg.solve(turning - system, matrix[:, -1]).imag, float)
     horizon: Seconds = FIRST_HORIZON / min(rates)
+    transition = expm(system * (horizon / INSTANTS))
     for _ in range(HORIZONS):
         step = horizon / INSTANTS
-        speeds = orbit(expm(system * step), start, INSTANTS)[:, 1 : 2 * count : 2]
+        speeds = orbit(transition, start, INSTANTS)[:, 1 : 2 * count : 2]
         above = np.abs(speeds) > SETTLED * np.abs(chain)
         until = np.where(above.any(axis=0), INSTANTS - np.argmax(above[::-1], axis=0), 0)
         if until.max() <= INSTANTS / 2:
             break
-        horizon *= 2.0
+        horizon, transition = 2.0 * horizon, transition @ transition
     settled[1 : count + 1] = until * step
     return settled

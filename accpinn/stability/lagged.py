@@ -78,7 +78,9 @@ def _product(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _padded(coefficients: FloatArray) -> FloatArray:
-    return np.pad(coefficients, ((0, 0), (0, 6 - coefficients.shape[1])))
+    padded = np.zeros((len(coefficients), 6))  # np.pad takes ten times as long
+    padded[:, : coefficients.shape[1]] = coefficients
+    return padded
 
 
 def _squared(coefficients: FloatArray) -> FloatArray:
