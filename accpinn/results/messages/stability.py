@@ -284,33 +284,36 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
 
 
 def most_amplifying(subject: KnownVehicles) -> str:
-    """The vehicle that amplifies most, and by how much, in twenty words beside its name."""
-    report, spoken = subject.report, subject.vehicles.spoken
-    peaks = [vehicle.peak for vehicle in report.vehicles]
-    judged = [k for k, kind in enumerate(subject.assessed) if kind != "not determined"]
+    """The vehicle that amplifies most, and by how much, in twenty words beside its name.
+
+    What the measured gain contradicts is called the model's.
+    """
+    assessed, spoken, vehicles = subject.assessed, subject.vehicles.spoken, subject.report.vehicles
+    judged = [k for k, kind in enumerate(assessed) if kind != "not determined"]
     if not judged:
         return "The data do not determine whether these vehicles amplify disturbances."
-    most = max(judged, key=lambda k: peaks[k].gain)
-    kind, at = subject.assessed[most], f"at {three(peaks[most].omega)} rad/s"
-    amplifying = [k for k in judged if subject.assessed[k] == "unstable"]
-    if kind == "stable" and not amplifying:
-        several = all_of(len(spoken), "vehicles") if len(spoken) > 1 else spoken[0]
-        every = judged == [*range(len(spoken))]
-        who = several if every else "no vehicle that the data determine"
-        verb = "damps" if len(spoken) == 1 else "damp" if every else "amplifies"
-        return f"{capital(who)} {verb} disturbances at every frequency."
-    ends = None
+    amplifying = [k for k in judged if assessed[k] != "stable"]
+    count, most = len(spoken), max(amplifying or judged, key=lambda k: vehicles[k].peak.gain)
+    peak, ends = vehicles[most].peak, None
     if subject.uncertainty:
         spread = subject.uncertainty.peak_gain
-        ends = Quantity(peaks[most].gain, float(spread.lower[most]), float(spread.upper[most]))
-    by = f"{grown(peaks[most].gain, ends)} {at}"
-    if kind != "unstable":
-        return f"{capital(spoken[most])} may amplify disturbances: {by}."
-    if len(spoken) == 1:
-        return f"{capital(spoken[most])} amplifies {by}."
-    if len(amplifying) == len(spoken):
-        return f"{capital(all_of(len(spoken), 'vehicles'))} amplify, {spoken[most]} most: {by}."
-    return f"{capital(spoken[most])} amplifies most: {by}."
+        ends = Quantity(peak.gain, float(spread.lower[most]), float(spread.upper[most]))
+    by = f"{grown(peak.gain, ends)} at {three(peak.omega)} rad/s"
+    if not amplifying:
+        whole = f"{all_of(count, 'vehicles')} damp" if count > 1 else f"{spoken[0]} damps"
+        part = f"{joined([spoken[k] for k in judged])} {'damp' if len(judged) > 1 else 'damps'}"
+        said = f"{whole if len(judged) == count else part} disturbances at every frequency."
+    elif assessed[most] == "undecided":
+        said = f"{spoken[most]} may amplify disturbances: {by}."
+    elif count == 1:
+        said = f"{spoken[most]} amplifies {by}."
+    elif all(kind == "unstable" for kind in assessed):
+        said = f"{all_of(count, 'vehicles')} amplify, {spoken[most]} most: {by}."
+    else:
+        said = f"{spoken[most]} amplifies most: {by}."
+    numbers = [subject.vehicles.vehicles[k + 1] for k in ([most] if amplifying else judged)]
+    against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
+    return f"By the model, {said}" if against else capital(said)
 
 
 def becomes(
