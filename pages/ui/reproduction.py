@@ -174,16 +174,12 @@ def _tables(titles: list[str]) -> str:
 
 def _show_bode(learned: Parameters | None) -> None:
     """Both Bode plots, with what the text says of them."""
-    st.markdown("**Figure 7: Bode magnitude**")
-    keys = {
-        ASTAZERO: {"dashed": "learned"} if learned is not None else {},
-        VICOLUNGO: {"dotted": "Figure 8"},
-    }
-    for vehicles, about in keys.items():
-        entries = [*zip(vehicles.labels, colours(vehicles), strict=True)]
-        if vehicles is VICOLUNGO:
-            entries.append(("the text's peak", MODEL))
-        show.key(entries, **about)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.markdown("**Figure 7: Bode magnitude**", width="content")
+        dashed = "" if learned is None else "learned"
+        show.key([("text's peak", MODEL)], dashed=dashed, dotted="Figure 8")
+    for vehicles in (ASTAZERO, VICOLUNGO):
+        show.key([*zip(vehicles.labels, colours(vehicles), strict=True)])
         figure = paper_bode(vehicles, learned if vehicles is ASTAZERO else None, BODE_HEIGHT)
         show.chart(figure, f"paper_bode_{show.stem_of(vehicles.title)}")
 
@@ -264,7 +260,8 @@ def _show_items(workspace: Workspace) -> None:
     for item in paper.ITEMS:
         with st.container(border=True):
             words, buttons = st.columns((1.4, 2), vertical_alignment="center")
-            words.markdown(f"**{item.title}** {escape_markdown(item.subject)}")
+            subject = "" if item in (*TABLES, paper.BODE, paper.EIGHT) else item.subject
+            words.markdown(f"**{item.title}** {escape_markdown(subject)}")
             with buttons.container(horizontal=True, horizontal_alignment="right"):
                 _show_buttons(workspace, item)
 
