@@ -13,7 +13,7 @@ import streamlit as st
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.figures import laboratory as figures
 from accpinn.results.figures.laboratory import Part
-from accpinn.results.figures.stability import WHOLE, colours, frequencies
+from accpinn.results.figures.stability import WHOLE, frequencies
 from accpinn.results.messages import stability as words
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.units import RadiansPerSecond
@@ -21,7 +21,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, kept, segments, select
 from pages.ui.session.workspace import Workspace
 
-HEIGHT = 370
+HEIGHT = 300
 """Height of both charts, in pixels: with their controls they fit on the first screen."""
 FOLLOWERS = 8
 """Followers of a car that is repeated, as in the paper."""
@@ -43,12 +43,10 @@ def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicle
         The vehicles as charts show them: without uncertainty where the user wants to see none.
     """
     chosen, shown = source.vehicles, source
-    st.markdown(f"##### {escape_markdown(words.most_amplifying(source))}")
     with st.container(horizontal=True, vertical_alignment="center"):
-        show.key(
-            zip(chosen.labels, colours(chosen), strict=True),
-            dashed="leader to last follower" if len(chosen) > 1 else "",
-        )
+        said = escape_markdown(words.most_amplifying(source))
+        st.markdown(f"##### {said}", width="stretch")
+        show.key([], dashed="leader to last follower" if len(chosen) > 1 else "")
         if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the response and of the model beside the measured gain, and posterior"
