@@ -20,8 +20,8 @@ from accpinn.stability import Assessment, Verdict, assessment
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
 
 UNKNOWN = Quantity(nan, nan, nan)
-NOTHING_AGAINST = "Nothing is against this estimate."
-NO_RECORDING = "Parameters without a recording: there is nothing to hold them against."
+NO_RECORDING = "These parameters were not held against a recording."
+POINTS = "points, without intervals"
 NOT_DETERMINED = "The data do not determine the parameters."
 
 
@@ -106,7 +106,11 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
     vehicles, leader = subject.vehicles, subject.vehicles.vehicles[0]
     if subject.result is None:
         rows = tuple(_row(subject, k, None) for k in range(len(vehicles)))
-        return Strip(rows, leader, SPEEDS[-1], (TITLES[vehicles.model],))
+        for k, (result, place) in enumerate(subject.cars):
+            trust = _trust(subject, k, describe(result).row(place))
+            rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
+        about = (vehicles.title, *([] if subject.uncertainty else [POINTS]))
+        return Strip(rows, leader, SPEEDS[-1], about)
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
     rows = tuple(_row(subject, k, row) for k, row in zip(places, known.rows, strict=True))
@@ -213,8 +217,7 @@ def _trust(subject: KnownVehicles, place: int, row: Row | None) -> TrustMark:
         rest = [row.trust.in_words] if row and not row.trust.is_contradicted else []
         return TrustMark(False, brief, " ".join([*sentences, *rest]))
     if row is None:
-        is_checked = bool(subject.checks)
-        return TrustMark(*((True, (), NOTHING_AGAINST) if is_checked else (None, (), NO_RECORDING)))
+        return TrustMark(None, (), NO_RECORDING)
     return TrustMark(True, (), row.trust.in_words)
 
 

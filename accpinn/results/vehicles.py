@@ -53,6 +53,8 @@ class KnownVehicles:
     """At which they are linearised, where that is not each vehicle's median speed."""
     origin: str = ""
     """Where they come from, for a page's headline."""
+    cars: tuple[tuple[Result, int], ...] = ()
+    """(M,) of vehicles of several results: the result of each, and its place there."""
 
     @cached_property
     def report(self) -> StabilityReport:

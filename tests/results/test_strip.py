@@ -77,7 +77,13 @@ def test_trust_says_why_it_is_missing() -> None:
     assert untold.trust.is_trusted is None
     against = GainCheck(3, 9, contradiction="damps", highest=-1.0)
     rows = strip_of(KnownVehicles(ASTAZERO, checks=(against,))).rows
-    assert [row.trust.is_trusted for row in rows] == [True, False, True, True]
+    assert [row.trust.is_trusted for row in rows] == [None, False, None, None]
+    two = ParameterSet("two", ("A", "B"), result.parameters[:2])
+    mixed = KnownVehicles(two, cars=((missing, 0), (result, 1)))
+    trusts = [row.trust for row in strip_of(mixed).rows]
+    assert trusts[0].is_trusted is False
+    assert missing.trust[0].in_words in trusts[0].why
+    assert trusts[1] == strip(result).rows[1].trust
     by_hand = replace(ASTAZERO, by_hand=(0.0, 0.0, 1.0, 0.0))
     rows = strip_of(KnownVehicles(by_hand)).rows
     assert [bool(row.trust.brief) for row in rows] == [False, False, True, False]

@@ -190,7 +190,8 @@ def _of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
         level = min(result.estimate.level or 0.0 for result, _ in cars)
         drawn = Parameters.of(np.stack(draws, axis=1))
         uncertainty = from_draws(vehicles.parameters, drawn, level)
-    return KnownVehicles(vehicles, uncertainty, checks, origin=f"{SOURCES['several']}: {said}")
+    origin = f"{SOURCES['several']}: {said}"
+    return KnownVehicles(vehicles, uncertainty, checks, origin=origin, cars=tuple(cars))
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
