@@ -15,6 +15,7 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
 from accpinn.recordings.consistency import GapJumps, Inconsistency
 from accpinn.recordings.draft import Proposal
+from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.recordings.mapping import CsvMapping, MappingRemembered, keep_mapping, kept_mapping
 from accpinn.recordings.proposal import proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
@@ -74,7 +75,8 @@ def read(
     if file.is_unknown and (known := kept_mapping(file.names)):
         return replace(file, mapping=known, notes=(MappingRemembered(),)).read(trajectory)
     recording = file.read(trajectory)
-    if mapping and not contradictions(recording):
+    differs = any(isinstance(note, UnitContradictsHeader) for note in recording.notes)
+    if mapping and not differs and not contradictions(recording):
         keep_mapping(mapping, file.names)
     return recording
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, Quantity
-from accpinn.findings import Finding
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording, clocks
 from accpinn.recordings.mapping import (
     ByVehicle,
@@ -24,6 +24,7 @@ from accpinn.recordings.mapping import (
     SpeedColumn,
     check_mapping,
 )
+from accpinn.recordings.names import ColumnName
 from accpinn.recordings.sampling import merged, recording_of, shifted, without_lost_targets
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import (
@@ -52,6 +53,36 @@ BACKWARD = -0.5
 """Mean speed, in m/s, below which a vehicle drives against the direction of the positions."""
 
 
+class UnitContradictsHeader(Finding, frozen=True):
+    """A column is read in another unit than its name, or the row of units, says."""
+
+    text = 'Column "{shown}" is read in {taken}, and the table says {named}; check the mapping.'
+
+    column: str
+    taken: str
+    """The mapping's unit."""
+    named: str
+    """The table's."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"shown": excerpt(self.column, 60)}
+
+
+def unit_contradictions(mapping: CsvMapping, layout: Layout) -> tuple[UnitContradictsHeader, ...]:
+    """The columns of speeds and gaps whose units the table and its mapping say differently."""
+    units = dict(zip(layout.names, layout.units, strict=False))
+    read_in = [(speed.column, speed.unit, True) for speed in mapping.speeds]
+    for gap in mapping.gaps:
+        read_in += [(name, gap.unit, False) for name in (gap.column, gap.minus) if name]
+    findings = []
+    for column, taken, is_speed in dict.fromkeys(read_in):
+        name = ColumnName(column, units.get(column, ""))
+        named = name.speed_unit if is_speed else name.length_unit
+        if named and named != taken:
+            findings.append(UnitContradictsHeader(column, taken, named))
+    return tuple(findings)
+
+
 def runs_of(
     source_file: SourceFile,
     mapping: CsvMapping,
@@ -70,7 +101,9 @@ def runs_of(
         RecordingError: one sentence of file, place, fault and cure.
     """
     check_mapping(mapping)
-    columns = _columns(source_file, mapping, layout or layout_of(source_file))
+    layout = layout or layout_of(source_file)
+    notes = (*notes, *unit_contradictions(mapping, layout))
+    columns = _columns(source_file, mapping, layout)
     if mapping.by:
         return _platoons(columns, mapping, mapping.by, notes)
     runs: dict[str | None, NDArray[np.int64]] = {None: columns.rows}

@@ -1,5 +1,6 @@
 """Tables that are no OpenACC runs: any by a mapping, and leader-follower pairs."""
 
+import json
 import os
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import accpinn
 from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.files import contradictions, opened, read, read_all
+from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.recordings.mapping import MappingRemembered, kept_mapping, load_mapping, parse_mapping
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
@@ -289,3 +291,26 @@ def test_a_table_and_openacc_file_of_one_run_are_the_same_data(
     for method in ("least-squares", "maximum-likelihood"):
         fits = [accpinn.fit(source, duration=100, method=method) for source in (one, other)]
         np.testing.assert_allclose(*(f.parameters.values for f in fits), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_row", [False, True])
+def test_a_mapping_that_contradicts_the_header_is_told_and_not_remembered(is_row: bool) -> None:
+    """Speeds and gap in feet have the slope of metres, so that the data cannot tell."""
+    header = "t,lead [ft/s],ego [ft/s],gap [ft]"
+    if is_row:
+        header = "t,lead,ego,gap\ns,ft/s,ft/s,ft"
+    frame = platoon(2, 300)[["Time", "Speed1", "Speed2", "IVS1"]]
+    raw = f"{header}\n{frame.to_csv(index=False, header=False)}".encode()
+    names = opened(raw, "feet.csv").names
+    units = {"speed": "m/s", "gap": "m"}
+    for said in (3, 0):
+        mapping = parse_mapping(json.dumps({
+            "time": {"column": names[0]},
+            "speeds": [{"column": name, "unit": units["speed"]} for name in names[1:3]],
+            "gaps": [{"column": names[3], "unit": units["gap"]}],
+        }))  # fmt: skip
+        recording = read(raw, "feet.csv", mapping=mapping, remember=True)
+        told = [f for f in recording.findings if isinstance(f, UnitContradictsHeader)]
+        assert len(told) == said
+        assert (kept_mapping(names) is None) == bool(said)
+        units = {"speed": "ft/s", "gap": "ft"}
