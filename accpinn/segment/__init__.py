@@ -30,6 +30,7 @@ from accpinn.recordings.consistency import (
     SpeedsApart,
     UnitsDiffer,
 )
+from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
@@ -190,6 +191,7 @@ SegmentFinding = (
     | GapComputed
     | ValuesOutOfRange
     | MappingRemembered
+    | UnitContradictsHeader
 )
 
 

@@ -28,6 +28,7 @@ from accpinn.recordings.consistency import (
     Inconsistency,
     agreement,
 )
+from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.segment import (
     BlocksMissing,
@@ -134,7 +135,7 @@ def _unsound(
     """What the recording has against the data of the chosen vehicles in a window."""
     rows = source.rows
     for finding in recording.findings:
-        if isinstance(finding, MappingRemembered):
+        if isinstance(finding, MappingRemembered | UnitContradictsHeader):
             yield finding
         elif isinstance(finding, Inconsistency):
             if finding.vehicle in chosen[:-1]:

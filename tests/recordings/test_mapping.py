@@ -312,5 +312,7 @@ def test_a_mapping_that_contradicts_the_header_is_told_and_not_remembered(is_row
         recording = read(raw, "feet.csv", mapping=mapping, remember=True)
         told = [f for f in recording.findings if isinstance(f, UnitContradictsHeader)]
         assert len(told) == said
+        window = cut(recording, 0, 20).findings
+        assert [f for f in window if isinstance(f, UnitContradictsHeader)] == told
         assert (kept_mapping(names) is None) == bool(said)
         units = {"speed": "ft/s", "gap": "ft"}
