@@ -47,6 +47,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import time_gap
 from accpinn.recordings import Facts, Recording, ValuesOutOfRange, facts_of
 from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
@@ -245,7 +246,7 @@ class Result(Displayed):
     def warnings(self) -> tuple[Finding, ...]:
         """What the data have against any estimate from them, and what `findings` says."""
         of_data = [found for info in self.infos for found in info.findings]
-        kinds = Inconsistency | ValuesOutOfRange | DrivenByHand
+        kinds = Inconsistency | ValuesOutOfRange | UnitContradictsHeader | DrivenByHand
         return (*(found for found in of_data if isinstance(found, kinds)), *self.findings)
 
     @property

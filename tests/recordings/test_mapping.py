@@ -314,5 +314,7 @@ def test_a_mapping_that_contradicts_the_header_is_told_and_not_remembered(is_row
         assert len(told) == said
         window = cut(recording, 0, 20).findings
         assert [f for f in window if isinstance(f, UnitContradictsHeader)] == told
+        result = accpinn.fit(recording, 0, 20, method="least-squares")
+        assert [f for f in result.warnings if isinstance(f, UnitContradictsHeader)] == told
         assert (kept_mapping(names) is None) == bool(said)
         units = {"speed": "ft/s", "gap": "ft"}
