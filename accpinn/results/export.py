@@ -25,7 +25,8 @@ import numpy as np
 
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import joined
-from accpinn.inference.coordinates import AT_SPEED, SLOWEST
+from accpinn.inference.coordinates import AT_SPEED
+from accpinn.inference.posterior import SLOWEST
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, IDM, PAPER, following_model
 from accpinn.study.result import Result
