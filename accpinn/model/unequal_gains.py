@@ -2,18 +2,15 @@
 
     f = α e₊ - qα e₋ + β d₊ - kβ d₋,   e = p - s₀ - τv,   d = u - v
 
-with e₊ = max(e, 0), e₋ = max(-e, 0) and likewise of d. So α and β are the gains on a gap that is too
-long and on a car ahead that is faster; q and k say how many times as hard the car reacts to a gap that
-is too short and to a car ahead that is slower. With q = k = 1 it is the CTHP with s₀. The corners are
-rounded within `ROUND`, so that derivatives exist everywhere:
+with e₊ = max(e, 0), e₋ = max(-e, 0) and likewise of d. So α and β are the gains on a gap that is
+too long and on a car ahead that is faster; q and k say how many times as hard the car reacts to a
+gap that is too short and to a car ahead that is slower. With q = k = 1 it is the CTHP with s₀. The
+corners are rounded within ε = `ROUND`, so that derivatives exist everywhere:
 
     x₊ = (√(x² + ε²) + x) / 2,   x₋ = (√(x² + ε²) - x) / 2
 
-Beyond that the model is homogeneous: motions of any size that are multiples of each other remain so, and
-a growth does not depend on the size of a disturbance, but on its direction.
-
-Recorded cars have q of 2.1 and k of 1.2 in the median (docs/validation.md); simulated cars with equal gains
-have 1.0 to 1.15, so that noise and delays do not fake it.
+Beyond that the model is homogeneous: growth depends on the direction of a disturbance and not on
+its size (see `stability.waves`).
 """
 
 from collections.abc import Sequence
