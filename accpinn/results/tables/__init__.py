@@ -122,6 +122,11 @@ class Column:
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
     @property
+    def full_title(self) -> str:
+        """The group without what it adds in brackets, title and unit, for a cell that stands alone."""
+        return f"{self.group.partition(' (')[0]} {self.heading}".strip()
+
+    @property
     def csv_name(self) -> str:
         """Lower-case words joined by underscores, as "surrogate_fit_mae_p_m"."""
         if self.key:
@@ -362,6 +367,7 @@ class Table:
         return template("tables/table.html").render(
             table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG,
             classes=[column.html_class for column in self.columns],
+            titles=[column.full_title for column in self.columns],
         )  # fmt: skip
 
     def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:
