@@ -183,9 +183,10 @@ class Verification:
         agree = f"{self.numbers:,} of {self.numbers:,} numbers computed again agree"
         if self.ok:
             return f"Verified: {agree}."
-        left = ", ".join(self._titles(check for check in self.unchecked if check.part != "data"))
         if not self.numbers:
-            return f"Not verified: nothing was computed again ({left})."
+            why = self.unchecked[0].reason if self.unchecked else "nothing was asked for"
+            return f"Not verified: nothing was computed again, as {why}."
+        left = ", ".join(self._titles(check for check in self.unchecked if check.part != "data"))
         return f"Verified in part: {agree}; not checked: {left}."
 
     @property
