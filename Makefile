@@ -51,6 +51,11 @@ format: $(VENV)/dev.stamp  ## format the code and mend what the linter can
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
+.PHONY: docs
+docs: $(VENV)/dev.stamp  ## make the documentation in docs/_build, with the reference of all public names
+	@$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
+	@echo "docs/_build/index.html"
+
 .PHONY: bench
 bench: $(VENV)/dev.stamp  ## time everyday things beside the last release (real recordings: set OPENACC_DIR)
 	@$(BIN)/python -m bench $(ARGS)
@@ -73,7 +78,7 @@ screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (n
 
 .PHONY: clean
 clean:  ## remove .venv and everything the tools left behind
-	@rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	@rm -rf $(VENV) docs/_build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is younger than its list of packages exactly when they are installed: first the files with

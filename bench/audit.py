@@ -8,10 +8,11 @@ of some, and 2 where it was not reached, which is no answer.
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import requests
+from packaging.requirements import Requirement
 
 from accpinn.units import Seconds
 from bench.lock import APP, BY_VERSION, DEV, lock_of, name_of, requirements
@@ -22,40 +23,50 @@ MIRROR_VARIABLE = "ACCPINN_ADVISORIES"
 PATIENCE: Seconds = 30.0
 
 
-def locked() -> dict[str, str]:
-    """The version of each package."""
+Package = tuple[str, str]
+"""A name and a version."""
+
+
+def locked(only_here: bool = False) -> list[Package]:
+    """Each package with its version; of some Pythons another, and ``only_here`` this one's."""
     exact = [line for line in requirements(APP) if name_of(line) in BY_VERSION]
     lines = [line for path in (APP, DEV) for line in lock_of(path).read_text().splitlines()]
-    pairs = (re.match(r"([\w.-]+)==([^\s;]+)", line) for line in (*exact, *lines))
-    return {name_of(pair[1]): pair[2] for pair in pairs if pair}
+    found: dict[Package, None] = {}
+    for line in (*exact, *lines):
+        if not re.match(r"[\w.-]+==", line):
+            continue
+        requirement = Requirement(line.partition("\\")[0].strip())
+        if not only_here or requirement.marker is None or requirement.marker.evaluate():
+            [version] = requirement.specifier
+            found[name_of(requirement.name), version.version] = None
+    return list(found)
 
 
-def advisories(versions: dict[str, str], database: str) -> Iterator[tuple[str, str]]:
+def advisories(packages: Sequence[Package], database: str) -> Iterator[tuple[Package, str]]:
     """Each package with the name of an advisory on its version.
 
     Raises:
         requests.RequestException: where the database is not reached.
     """
-    names = list(versions)
     queries: list[dict[str, Any]] = [
-        {"package": {"name": name, "ecosystem": "PyPI"}, "version": versions[name]}
-        for name in names
+        {"package": {"name": name, "ecosystem": "PyPI"}, "version": version}
+        for name, version in packages
     ]
     answer = requests.post(f"{database}/v1/querybatch", json={"queries": queries}, timeout=PATIENCE)
     answer.raise_for_status()
     results = answer.json()["results"]
-    if len(results) != len(names):
+    if len(results) != len(packages):
         raise requests.RequestException("an answer of another length")
-    for name, result in zip(names, results, strict=True):
+    for package, result in zip(packages, results, strict=True):
         for advisory in result.get("vulns", ()):
-            yield name, advisory["id"]
+            yield package, advisory["id"]
 
 
 def main() -> int:
     """Print a line for each advisory."""
-    versions, database = locked(), os.environ.get(MIRROR_VARIABLE) or DATABASE
+    packages, database = locked(), os.environ.get(MIRROR_VARIABLE) or DATABASE
     try:
-        known = sorted(set(advisories(versions, database)))
+        known = sorted(set(advisories(packages, database)))
     except (requests.RequestException, ValueError, KeyError, TypeError) as fault:
         print(
             f"Nothing was checked: {database} gave no answer ({type(fault).__name__}); try again"
@@ -63,9 +74,9 @@ def main() -> int:
             file=sys.stderr,
         )
         return 2
-    for name, advisory in known:
-        print(f"{name} {versions[name]}: {advisory}, see {DATABASE.replace('api.', '')}/{advisory}")
-    print(f"{len(versions)} packages checked, {len(known)} advisories.")
+    for (name, version), advisory in known:
+        print(f"{name} {version}: {advisory}, see {DATABASE.replace('api.', '')}/{advisory}")
+    print(f"{len(packages)} packages checked, {len(known)} advisories.")
     return 1 if known else 0
 
 

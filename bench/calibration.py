@@ -31,14 +31,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, invwishart
 
+from accpinn.inference.coordinates import (
+    AT_SPEED,
+    PRIOR_SPREAD,
+    of_others,
+    time_gap_coordinates,
+)
 from accpinn.inference.population import TAILS, Population, population_of, sampled_population
-from accpinn.inference.posterior import AT_SPEED, PRIOR_SPREAD, features
-from accpinn.inference.window_posterior import of_others, sampled
+from accpinn.inference.window_posterior import sampled
 from accpinn.methods.likelihood import natural
 from accpinn.methods.series import SPACING
 from accpinn.methods.state_space import COMMON, EXTRA, Form, StateSpace, coordinates, state_space
 from accpinn.model.cthp import TYPICAL
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
@@ -118,7 +123,8 @@ def ranks_of_window(seed: int, form: Form, of_cars: bool, duration: Seconds) -> 
 
 def with_others(form: Form, z: FloatArray) -> FloatArray:
     """(.., Q) φ, then what else is unknown, at coordinates (.., P)."""
-    return np.concatenate([features(form, z), z[..., 3 : len(COMMON)]], axis=-1)
+    phi = time_gap_coordinates(form).of_unknowns(z)
+    return np.concatenate([phi, z[..., 3 : len(COMMON)]], axis=-1)
 
 
 def ranks(truth: FloatArray, drawn: FloatArray, rng: np.random.Generator) -> Ranks:
@@ -182,7 +188,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Simulate, rank and print; the exit status is described above."""
     parser = argparse.ArgumentParser(prog="python -m bench.calibration", description=__doc__)
     parser.add_argument("--recordings", type=int, default=40, help="how many (40)")
-    parser.add_argument("--model", choices=CTHPS, default=PAPER)
+    linear = [key for key, model in FOLLOWING.items() if model.is_linear]
+    parser.add_argument("--model", choices=linear, default=PAPER)
     parser.add_argument("--duration", type=float, default=100.0, help="of a window in s (100)")
     parser.add_argument("--cars", action="store_true", help="the prior that other cars taught")
     parser.add_argument("--windows", type=int, help="a population of so many windows")

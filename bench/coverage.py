@@ -27,12 +27,13 @@ from multiprocessing import get_context
 import numpy as np
 from scipy.stats import bootstrap
 
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.inference.intervals import LEVEL
-from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
-from accpinn.model.registry import CTHPS, PAPER
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, interval_ends
@@ -75,7 +76,8 @@ def record(seed: int, disturbance: Disturbance, model: str = PAPER) -> dict[str,
     spec, methods = ModelSpec(model), METHODS_MEASURED if model == PAPER else METHODS_MEASURED[:1]
     found = {name: METHODS[name].fit(segment, spec=spec) for name in methods}
     speed = float(np.median(segment.speeds[:, 1]))
-    draws = parameters_of(model, window_posterior(segment, "II", spec).drawn[0], speed)
+    alone = window_posterior(segment, "II", spec)
+    draws = coordinates_of(model).parameters(alone.drawn[0], speed)
     lower, upper = interval_ends(values(draws, speed), LEVEL)
     truth = values(Parameters(*true.values, disturbance.standstill), speed)
     estimates = {name: values(one.parameters[0], speed) for name, one in found.items()}
@@ -201,7 +203,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--windows", type=int, default=8, help="of each car (8)")
     for name in EFFECTS:
         parser.add_argument(f"--{name}", type=float, default=getattr(Disturbance, name))
-    parser.add_argument("--model", choices=tuple(CTHPS), default=PAPER)
+    linear = [key for key, model in FOLLOWING.items() if model.is_linear]
+    parser.add_argument("--model", choices=linear, default=PAPER)
     given = parser.parse_args(arguments)
     disturbance = Disturbance(*(getattr(given, name) for name in EFFECTS))
     under = f"{disturbance}, {given.model}"

@@ -22,13 +22,10 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import logsumexp
 
+from accpinn.inference.coordinates import log_prior_of_likely, of_others, time_gap_coordinates
 from accpinn.inference.population import Population, population_of, sampled_population
-from accpinn.inference.posterior import features, sample
-from accpinn.inference.window_posterior import (
-    log_prior_of_likely,
-    of_others,
-    window_posterior,
-)
+from accpinn.inference.posterior import sample
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
@@ -283,15 +280,15 @@ def of_window(
     """The posterior of φ of a segment's first follower: the package's, and the ensemble's."""
     series, spec = series_of([segment], "II"), ModelSpec(model)
     (maximum,) = joint_maxima((segment,), "II", spec)
-    others = partial(of_others, spec)
+    others, of_unknowns = partial(of_others, spec), time_gap_coordinates(model).of_unknowns
     own = [sample(series, (maximum,), spec, [seed], others)[0] for seed in range(SEEDS)]
     log_density = log_density_of_window(model, series.measured[..., 0], series.step)
     # From beside the maximum, so from no draw of the package, and far from none.
-    centre = np.append(features(model, maximum.coordinates)[:3], maximum.coordinates[3:])
+    centre = np.append(of_unknowns(maximum.coordinates)[:3], maximum.coordinates[3:])
     start = centre + 0.02 * np.random.default_rng(0).standard_normal((walkers, len(centre)))
     drawn = walked(log_density, start, steps, left_out)
     of_phi = np.append([True] * 3, [False] * 6 + [True] * (len(centre) - 9))
-    every = np.concatenate([features(model, one.coordinates) for one in own])
+    every = np.concatenate([of_unknowns(one.coordinates) for one in own])
     weights = np.concatenate([one.weights for one in own])
     return Moments.of(every, weights), Moments.of(drawn[:, of_phi])
 

@@ -17,10 +17,11 @@ from itertools import pairwise
 import numpy as np
 
 from accpinn.errors import AccpinnError
+from accpinn.inference.coordinates import log_prior_of_likely
 from accpinn.inference.population import PARTS, Population, sampled_population
-from accpinn.inference.window_posterior import count_of, log_prior_of_likely, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import PosteriorKind
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
@@ -60,7 +61,9 @@ def learn(
 ) -> Population:
     """The population of cars, each of which is known by draws (K, n, p) under a prior (K, n)."""
     cthp = [*START[0], *(START[1][term] for term in FOLLOWING[model].terms)]
-    between = np.diag(cthp if model in CTHPS else count_of(model) * [START_OTHERS]) ** 2
+    following = FOLLOWING[model]
+    others = following.own_count * [START_OTHERS]
+    between = np.diag(cthp if following.is_linear else others) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)
     weights = np.array([len(drawn) - 1.0 for drawn in cars])
@@ -81,7 +84,7 @@ def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, Float
     """(K, n, p) draws of `likely` of the K windows of each car, of all its runs in a campaign."""
     together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
-        kind: PosteriorKind = "likelihood" if model in CTHPS else "simulation"
+        kind: PosteriorKind = "likelihood" if FOLLOWING[model].is_linear else "simulation"
         drawn = [
             window_posterior(segment, "II", ModelSpec(model), kind).likely[0]
             for segment in segments

@@ -40,18 +40,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import sem
 
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.inference.gain_check import LEAST, compared, decibels
 from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import regularised, sampled_population
-from accpinn.inference.posterior import log_prior_of_features
-from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.estimate import Estimate
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.methods.series import determined_followers
 from accpinn.methods.simulation import estimates
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER, simulate, time_gap, value_of
+from accpinn.model.registry import BEST, FOLLOWING, PAPER, simulate, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.stability.lagged import frequency_response
@@ -111,7 +111,7 @@ def estimated(windows: Windows, model: str) -> Estimate:
 
 def joint(windows: Windows, model: str) -> Parameters:
     """(1,) the parameters that maximise the criterion of all windows together."""
-    return (likelihood if model in CTHPS else simulation)(windows, model)
+    return (likelihood if FOLLOWING[model].is_linear else simulation)(windows, model)
 
 
 def constant_time_gap(windows: Windows) -> Drive:
@@ -346,7 +346,8 @@ def _gains(stretch: Segment, within: Windows) -> Iterator[tuple[str, FloatArray]
         return np.array([rms(gain - reference), gain.max() - reference.max(), likelihood])
 
     yield "least squares", figures(METHODS["least-squares"].fit(stretch).parameters)
-    maxima = {model: joint_maxima((stretch,), "II", ModelSpec(model))[0] for model in CTHPS}
+    linear = [key for key, model in FOLLOWING.items() if model.is_linear]
+    maxima = {model: joint_maxima((stretch,), "II", ModelSpec(model))[0] for model in linear}
     for model, maximum in maxima.items():
         more = maximum.log_likelihood - maxima[PAPER].log_likelihood
         yield model, figures(Parameters.of(maximum.complete[None]), more)
@@ -424,18 +425,19 @@ def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[list[Inside]]:
     for run in runs:
         drawn[run.car[:2]] += list(run.drawn)
     taught = [np.array(draws) for name, draws in drawn.items() if draws and name != car]
-    priors = [log_prior_of_features(BEST, draws) for draws in taught]
+    space = coordinates_of(BEST)
+    priors = [space.log_prior(draws) for draws in taught]
     population = regularised(learn(taught, priors, BEST, ROUNDS))
     rng, scored = np.random.default_rng(0), list[list[Inside]]()
     for run in runs:
         for k, window in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)
-            sampled = sampled_population(others, log_prior_of_features(BEST, others), population)
+            sampled = sampled_population(others, space.log_prior(others), population)
             own, speed = Parameters.of(run.own[k][None]), float(median_speeds([window])[0])
             errors = rng.choice(away, len(sampled.further))
             pair = list[Inside]()
             for phi in (sampled.further, sampled.further + errors):
-                further = parameters_of(BEST, phi, speed)
+                further = space.parameters(phi, speed)
                 pair.append(inside(BEST, own, further, speed) | gap_inside(BEST, window, further))
             scored.append(pair)
     return scored

@@ -187,14 +187,14 @@ def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
 def _initial(text: str, model: str | None) -> list[float]:
     """Initial α, β, τ, or these and the own parameters of a model that is no CTHP."""
     chosen = following_model(model or PAPER)
-    names = ("α", "β", "τ") if chosen.is_cthp else chosen.names
+    names = ("α", "β", "τ") if chosen.is_linear else chosen.names
     try:
         values = [float(part) for _, part in zip(names, text.split(","), strict=True)]
     except ValueError:
         raise ConfigError(
             f'initial: "{text[:40]}" is not {",".join(names)}; write {len(names)} numbers.'
         ) from None
-    return values if chosen.is_cthp else [*STARTS[0].complete.tolist(), *values]
+    return values if chosen.is_linear else [*STARTS[0].complete.tolist(), *values]
 
 
 def fit_text(result: Result) -> str:

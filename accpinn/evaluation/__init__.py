@@ -180,7 +180,7 @@ def _outside(
     for window in complete_windows(recording, segments[0].vehicles, learned):
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
         found = ClosedLoop.of(
-            piece if estimate.following.is_cthp else from_following(piece), estimate
+            piece if estimate.following.is_linear else from_following(piece), estimate
         )
         if found.errors:
             yield found

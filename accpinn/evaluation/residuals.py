@@ -78,7 +78,7 @@ def residuals_of(segment: Segment, estimate: Estimate) -> tuple[FloatArray, Mask
     """
     model, speeds = estimate.following, segment.speeds
     theta = np.array([estimate.values(estimate.parameters, name) for name in model.names])
-    if model.is_cthp:  # τ has no effect where α = 0
+    if model.is_linear:  # τ has no effect where α = 0
         theta = np.nan_to_num(theta)
     command = model.acceleration(segment.gaps, speeds[:, 1:], speeds[:, :-1], theta, np)
     reached = np.asarray(command, float).copy()

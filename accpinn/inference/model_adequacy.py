@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accpinn.findings import Finding, Labelled, Words
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
 from accpinn.inference.intervals import LEVEL, ends_of
-from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import one_thread
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.kalman import innovations
@@ -178,7 +179,8 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
             cthp_aic, cthp_density = aic, density
             tests = innovation_tests(series, maxima)
         alone = window_posterior(segment, case, ModelSpec(form))
-        drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds)
+        phi = np.moveaxis(alone.drawn, 0, 1)
+        drawn = coordinates_of(form).parameters(phi, alone.speeds)
         centre = Parameters.of(alone.estimates)
         intervals = centre, *ends_of(centre, drawn, LEVEL)
         forms.append(ModelForm(form, *intervals, aic - cthp_aic, density - cthp_density))

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.model.registry import CTHPS
+from accpinn.model.registry import following_model
 from accpinn.units import FloatArray, Mask
 
 CHAINS, BURN, KEPT, THINNING = 40, 20, 25, 4
@@ -227,11 +227,14 @@ def _normal(covariance: NDArray[Any], rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.einsum("cij,cj->ci", np.linalg.cholesky(covariance), normal))
 
 
-def regularised(learned: Population, is_cthp: bool = True) -> Population:
-    """A population as it is used: what a few cars taught of S and Σ₀ is uncertain."""
+def regularised(learned: Population, has_time_gap: bool = True) -> Population:
+    """A population as it is used: what a few cars taught of S and Σ₀ is uncertain.
+
+    The third coordinate may be ln of the time gap, which differs between windows by some share.
+    """
     variances = np.diag(np.diag(learned.cars))
     cars = MORE_CARS * (LESS_RELATED * learned.cars + (1 - LESS_RELATED) * variances)
-    if is_cthp:
+    if has_time_gap:
         windows = MORE_BETWEEN * learned.windows
         windows[2, 2] += max(0.0, LEAST_GAP_SPREAD**2 - windows[2, 2])
     else:
@@ -255,4 +258,5 @@ def population_of(model: str, count: int) -> Population:
     centre, cars, windows = (
         np.array([values for _, of, *values in rows if of == part], float) for part in PARTS
     )
-    return regularised(Population(centre[0], cars, windows), model in CTHPS)
+    is_linear = following_model(model).is_linear
+    return regularised(Population(centre[0], cars, windows), is_linear)

@@ -26,6 +26,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from accpinn.inference.coordinates import LEAST_GAP, PRIOR_SPREAD, time_gap_coordinates
 from accpinn.inference.importance_sampling import (
     S0,
     Posterior,
@@ -35,20 +36,14 @@ from accpinn.inference.importance_sampling import (
     floored,
     normalised,
 )
-from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
+from accpinn.methods.likelihood import Criterion, Groups, Maximum, search
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import EXTRA, Form
+from accpinn.methods.state_space import Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import ModelSpec
-from accpinn.units import FloatArray, MetresPerSecond, Seconds
+from accpinn.units import FloatArray, MetresPerSecond
 
-PRIOR_SPREAD = (2.0, 1.5, 0.6)
-"""Standard deviations of ln α, ln β and the logarithm of the time gap."""
-AT_SPEED: MetresPerSecond = 100 / 3.6
-"""Speed at which the time gap τ + s₀/v has its prior."""
-LEAST_GAP: Seconds = 0.05
-"""Least such time gap; draws below it are none of a car's."""
 STAGES = (150, 150, 150, 200)
 """Number of draws in each stage."""
 FURTHER = 40
@@ -65,37 +60,16 @@ SLOWEST: MetresPerSecond = 2.0
 """Least speed v for a time gap that is to hold in a window."""
 
 
-def features(form: Form, z: FloatArray) -> FloatArray:
-    """(.., 3 + T) ln α, ln β, ln of the time gap at `AT_SPEED`, and the T terms, of z (.., P).
-
-    The data determine the time gap τ + s₀/v well and its two parts hardly, so it stands here in
-    place of τ.
-    """
-    values = natural(form, z)
-    gap = values[..., 1] / values[..., 0]
-    if "s0" in FOLLOWING[form].terms:
-        gap = gap + values[..., 9] / AT_SPEED
-    shape = np.log(np.stack([values[..., 0], values[..., 2], np.maximum(gap, LEAST_GAP)], axis=-1))
-    return np.concatenate([shape, values[..., 9:]], axis=-1)
-
-
 def log_prior_of_theta(form: Form, z: FloatArray) -> FloatArray:
     """(..) log prior of α, β and the time gap at coordinates (.., P), up to a constant.
 
-    It is a density over `features`, so dτ counts relative to the change of the time gap.
+    It is a density over φ of `inference.coordinates`, so dτ counts relative to the change of the
+    time gap.
     """
-    shape = features(form, z)[..., :3]
+    shape = time_gap_coordinates(form).of_unknowns(z)[..., :3]
     away = (shape - np.log(TYPICAL.values)) / PRIOR_SPREAD
     volume = z[..., 1] - z[..., 0] - shape[..., 2]
     return np.asarray(-0.5 * (away**2).sum(axis=-1) + volume)
-
-
-def log_prior_of_features(form: Form, phi: FloatArray) -> FloatArray:
-    """(..) log density of the whole prior of the parameters over `features` (.., p)."""
-    terms = [EXTRA[term] for term in FOLLOWING[form].terms]
-    centre = np.append(np.log(TYPICAL.values), [term.start for term in terms])
-    spread = np.append(PRIOR_SPREAD, [term.spread or np.inf for term in terms])
-    return np.asarray(-0.5 * (((phi - centre) / spread) ** 2).sum(axis=-1))
 
 
 def sample(

@@ -16,19 +16,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from accpinn.findings import Finding, Labelled, Words, joined, p_value
+from accpinn.inference.coordinates import coordinates_of, free_of, log_prior_of_likely
 from accpinn.inference.intervals import FEW, LEVEL, effective_draws, within
-from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
-from accpinn.inference.window_posterior import (
-    WindowPosterior,
-    coordinates_of,
-    count_of,
-    free_of,
-    log_prior_of_likely,
-    parameters_of,
-    possible,
-    values_of,
-    window_posterior,
-)
+from accpinn.inference.population import CHAINS, KEPT, Car, sampled_population
+from accpinn.inference.window_posterior import WindowPosterior, window_posterior
 from accpinn.methods import PosteriorKind, Segments, one_thread
 from accpinn.methods.estimate import Estimate, Posterior
 from accpinn.model.cthp import Parameters
@@ -158,6 +149,7 @@ def with_posterior(
         level: share of the intervals that are to cover the truth.
     """
     spec, case, model = estimate.spec, estimate.case, estimate.model
+    space = coordinates_of(model)
     windows: list[WindowPosterior] = []
     for segment in segments:
         if should_stop and should_stop():
@@ -170,20 +162,20 @@ def with_posterior(
     likely = np.array([window.likely for window in windows])
     for some in (drawn, likely):
         for row, k in np.ndindex(some.shape[:2]):
-            some[row, k] = possible(model, some[row, k], float(speeds[k]))
-    alone = parameters_of(model, np.moveaxis(drawn, 2, 0), speeds)
+            some[row, k] = space.possible(some[row, k], float(speeds[k]))
+    alone = space.parameters(np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, level)
     own = Parameters.of(np.array([window.estimates for window in windows]))
-    if not estimate.following.is_cthp:
+    if not estimate.following.is_linear:
         own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
     cars = [_around(car_of(likely[:, k], spec), estimate, k, level) for k in followers]
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
         """(n, M) from coordinates (n, p) of each of M followers."""
         usable = [
-            possible(model, part, float(speed)) for part, speed in zip(phi, speeds, strict=True)
+            space.possible(part, float(speed)) for part, speed in zip(phi, speeds, strict=True)
         ]
-        return parameters_of(model, np.stack(usable, axis=-2), speeds)
+        return space.parameters(np.stack(usable, axis=-2), speeds)
 
     # The ends are those of draws beside the estimates, which may be bounds.
     low = Parameters.of(np.fmin(own.everything, lower))
@@ -281,12 +273,13 @@ def car_of(drawn: FloatArray, spec: ModelSpec) -> Car:
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT, count_of(spec.model)
+    space = coordinates_of(spec.model)
+    size, count = CHAINS * KEPT, space.count
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing, np.full((size, count, count), np.nan), nothing)
     free, prior = free_of(spec), log_prior_of_likely(spec, drawn)
-    population = population_of(spec.model, count).of(free)
+    population = space.population.of(free)
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
     sampled = sampled_population(drawn[..., free], prior, population, left_out=left_out)
     value, further = np.tile(drawn[0, 0], (2, size, 1))
@@ -298,14 +291,14 @@ def car_of(drawn: FloatArray, spec: ModelSpec) -> Car:
 
 def _around(car: Car, estimate: Estimate, follower: int, level: float) -> Car:
     """The draws of a car, moved towards the estimate as far as its intervals need; see the head."""
-    spec = estimate.spec
+    space = coordinates_of(estimate.model)
     values = np.array([estimate.values(estimate.parameters, n)[follower] for n in estimate.names])
     if not (np.isfinite(values).all() and np.isfinite(car.value).all()):
         return car
-    away = coordinates_of(spec, values) - car.value.mean(axis=0)
+    away = space.of_values(values) - car.value.mean(axis=0)
     for share in SHARES:
         value = car.value + share * away
-        drawn = values_of(spec, value)
+        drawn = space.values(value)
         lower, upper = interval_ends(drawn, level)
         lower = np.where(values == 0.0, 0.0, lower)
         if ((lower <= values) & (values <= upper)).all():
@@ -321,7 +314,7 @@ def _heterogeneity(drawn: FloatArray, spec: ModelSpec) -> float:
     model that is no CTHP has too narrow a distribution for that (docs/validation.md), so of these
     nothing is said.
     """
-    if not spec.following.is_cthp:
+    if not spec.following.is_linear:
         return float("nan")
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
     free = np.ptp(drawn, axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)

@@ -236,7 +236,7 @@ def optima(
 
 def starts_of(model: FollowingModel) -> int:
     """The number of parameter sets from which a search of a model begins."""
-    return LATE_STARTS if model.is_late and not model.is_cthp else STARTS
+    return LATE_STARTS if model.is_late and not model.is_linear else STARTS
 
 
 def bounds_of(model: FollowingModel, fixed: Fixed = ()) -> FloatArray:

@@ -114,8 +114,16 @@ class FollowingModel:
     """Terms beside the CTHP's α, β, τ; a lag or a delay between f and the acceleration is last."""
     formula: str = ""
     """f in symbols, for people: of p, v, Δv = u - v and the parameters' symbols."""
-    is_cthp: bool = False
-    """Whether it has the CTHP's exact solutions, and its parameters are those of `Parameters`."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it is a CTHP: the same at every speed, with exact solutions and likelihood."""
+        return False
+
+    @property
+    def own_count(self) -> int:
+        """The number of parameters that stand in `Parameters.own`."""
+        return len(self.parameters)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -139,8 +147,6 @@ class FollowingModel:
     @property
     def fixable(self) -> dict[str, tuple[float, float]]:
         """The parameters that may keep a given value, with its least and largest."""
-        if self.is_cthp:
-            return {term: TERM_RANGES[term] for term in self.terms}
         return {p.name: (p.lower, p.upper) for p in self.parameters}
 
     @property
@@ -190,13 +196,9 @@ class FollowingModel:
     def linearisations(self, theta: Any, speed: Any) -> Parameters:
         """(..) the CTHP, lag and delay included, that the model is near equilibrium at a speed.
 
-        Its s₀ makes the equilibrium gap s₀ + τv. The parameters (n, ..) stand in `Parameters.own`
-        unless the model is a CTHP; those without an equilibrium at the speed (..) have nan.
+        Its s₀ makes the equilibrium gap s₀ + τv. The parameters (n, ..) stand in `Parameters.own`;
+        those without an equilibrium at the speed (..) have nan.
         """
-        if self.is_cthp:  # the same at every speed
-            shape = np.broadcast_shapes(np.shape(theta)[1:], np.shape(speed))
-            complete = *theta[:3], *(self.term(theta, name) for name in TERMS)
-            return Parameters(*(np.broadcast_to(value, shape) for value in complete))
         gap, slopes = self.equilibrium_gaps(theta, speed), []
         with np.errstate(all="ignore"):  # where there is no equilibrium
             for moved in COMPLEX_STEP * 1j * np.eye(3):
@@ -220,6 +222,10 @@ class FollowingModel:
                 " another speed."
             )
         return near
+
+    def has_terms_of(self, parameters: Parameters) -> bool:
+        """Whether it has all terms that parameters have, so that each has the same meaning."""
+        return int(parameters.own.shape[-1]) == len(self.parameters)
 
     def simulate(
         self,
@@ -314,6 +320,40 @@ class FollowingModel:
             reached = state[-1]
         rates[1] = reached
         return rates
+
+
+class ConstantTimeHeadway(FollowingModel):
+    """A CTHP: α, β, τ and its terms are the parameters of `Parameters` themselves.
+
+    It is the same at every speed, and `model.cthp` has its exact solutions.
+    """
+
+    @property
+    def is_linear(self) -> bool:
+        """See `FollowingModel.is_linear`."""
+        return True
+
+    @property
+    def own_count(self) -> int:
+        """See `FollowingModel.own_count`."""
+        return 0
+
+    @property
+    def fixable(self) -> dict[str, tuple[float, float]]:
+        """See `FollowingModel.fixable`."""
+        return {term: TERM_RANGES[term] for term in self.terms}
+
+    def linearisations(self, theta: Any, speed: Any) -> Parameters:
+        """(..) the parameters themselves at every speed (..); see `FollowingModel`."""
+        shape = np.broadcast_shapes(np.shape(theta)[1:], np.shape(speed))
+        complete = *theta[:3], *(self.term(theta, name) for name in TERMS)
+        return Parameters(*(np.broadcast_to(value, shape) for value in complete))
+
+    def has_terms_of(self, parameters: Parameters) -> bool:
+        """See `FollowingModel.has_terms_of`."""
+        used = parameters.complete[..., 3:].reshape(-1, len(TERMS)).any(axis=0)
+        missing = [term not in self.terms for term in TERMS]
+        return not parameters.own.shape[-1] and not bool((used & np.array(missing)).any())
 
 
 def _ahead(state: Any, leader: Any) -> Any:

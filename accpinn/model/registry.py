@@ -38,9 +38,9 @@ from numpy.typing import ArrayLike
 
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError, shown
-from accpinn.model.cthp import TERMS, Parameters, Trajectories
+from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.cthp import simulate as simulate_cthp
-from accpinn.model.following import COMPLEX_STEP, FollowingModel, Parameter
+from accpinn.model.following import COMPLEX_STEP, ConstantTimeHeadway, FollowingModel, Parameter
 from accpinn.units import FloatArray
 
 
@@ -73,15 +73,14 @@ def fvdm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
 _ALPHA = Parameter("alpha", "α", "1/s²", 1e-4, 10.0, 0.08, 1.0)
 _BETA = Parameter("beta", "β", "1/s", 1e-4, 10.0, 0.2, 1.0)
 
-CTHP = FollowingModel(
+CTHP = ConstantTimeHeadway(
     "cthp",
     "CTHP",
     (_ALPHA, _BETA, Parameter("tau", "τ", "s", 0.05, 10.0, 1.4, 0.3)),
     cthp,
     formula="α (p − τ v) + β Δv",
-    is_cthp=True,
 )
-CTHP_S0 = FollowingModel(
+CTHP_S0 = ConstantTimeHeadway(
     "cthp-s0",
     "CTHP with intercept s₀",
     (
@@ -93,7 +92,6 @@ CTHP_S0 = FollowingModel(
     cthp_with_intercept,
     terms=("s0",),
     formula="α (p − s₀ − τ v) + β Δv",
-    is_cthp=True,
 )
 IDM = FollowingModel(
     "idm",
@@ -141,8 +139,6 @@ FOLLOWING: dict[str, FollowingModel] = {
 """Every model by its key, each also behind a lag or a delay; `register_model` adds to it."""
 SHIPPED = frozenset(FOLLOWING)
 """Keys of the models that are part of the package."""
-CTHPS = tuple(key for key, model in FOLLOWING.items() if model.is_cthp)
-"""The paper's model, and those with terms beside it."""
 PAPER = CTHP.key
 """The paper's model."""
 BEST = "cthp-s0-delay"
@@ -207,7 +203,7 @@ def register_model(model: FollowingModel) -> None:
         (not SHIPPED & {*_variants(model)}, f"the key {model.key[:40]} is the package's own"),
         (names and len({*names}) == len(names), "it has no parameters, or two of one name"),
         (not taken, f"{', '.join(sorted(taken))} would be the linearisation's, too"),
-        (not model.terms and not model.is_cthp, "terms and the CTHP's solutions are not its own"),
+        (not model.terms and not model.is_linear, "terms and the CTHP's solutions are not its own"),
         (
             all(p.lower < p.typical < p.upper and p.spread > 0 for p in model.parameters),
             "a typical value lies outside its bounds, or has no spread",
@@ -256,12 +252,7 @@ def value_of(model: str, parameters: Parameters, name: str) -> FloatArray:
 
 def has_terms_of(model: str, parameters: Parameters) -> bool:
     """Whether a model has all terms that parameters have, so that each has the same meaning."""
-    own = int(parameters.own.shape[-1])
-    if model not in CTHPS:
-        return own == len(FOLLOWING[model].parameters)
-    used = parameters.complete[..., 3:].reshape(-1, len(TERMS)).any(axis=0)
-    known = [term in FOLLOWING[model].terms for term in TERMS]
-    return own == 0 and not bool((used & ~np.array(known)).any())
+    return FOLLOWING[model].has_terms_of(parameters)
 
 
 def time_gap(model: str, parameters: Parameters, speed: ArrayLike) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from accpinn.findings import joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
-from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.results.description import EXTRAPOLATED, Value
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.results.tables.estimates import cell_of, columns_of, gap_column
@@ -173,7 +173,7 @@ def spread_table(grouped: Groups) -> Table:
     """One row a group: how far its windows and its vehicles differ, with intervals."""
     columns, shown = _heads(grouped), columns_of(grouped.model)
     relative = {p.name for p in FOLLOWING[grouped.model].parameters if p.is_positive}
-    if grouped.model in CTHPS:
+    if FOLLOWING[grouped.model].is_linear:
         relative, shown = {"time_gap", "alpha", "beta"}, {"time_gap": gap_column(FASTEST)} | shown
         del shown["tau"]
     kinds: tuple[tuple[str, Callable[[Group], dict[str, Quantity]]], ...] = (

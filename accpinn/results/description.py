@@ -210,7 +210,7 @@ def is_least(model: str, name: str, span: Quantity) -> bool:
     if name not in ("lag", "delay") or not span.lower < span.upper:
         return False
     lowest = {p.name: p.lower for p in FOLLOWING[model].parameters}
-    if FOLLOWING[model].is_cthp:
+    if FOLLOWING[model].is_linear:
         lowest |= {term: of.lower for term, of in EXTRA.items()}
     return span.value <= lowest[name] + 1e-9
 
@@ -266,7 +266,7 @@ def brief(key: str) -> str:
     """A model as a few words beside a method's name: a CTHP by the terms that it has beside."""
     model = FOLLOWING[key]
     beside = [parameter.symbol for parameter in model.parameters if parameter.name in model.terms]
-    return f"with {joined(beside)}" if beside and model.is_cthp else model.title
+    return f"with {joined(beside)}" if beside and model.is_linear else model.title
 
 
 def about_point(estimate: Estimate) -> str:

@@ -25,9 +25,10 @@ import numpy as np
 
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import joined
-from accpinn.inference.posterior import AT_SPEED, SLOWEST
+from accpinn.inference.coordinates import AT_SPEED
+from accpinn.inference.posterior import SLOWEST
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, IDM, PAPER, following_model
+from accpinn.model.registry import FOLLOWING, IDM, PAPER, following_model
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -124,7 +125,8 @@ def _about(model: str, parameters: Parameters, draws: Parameters | None, speeds:
         return ABOUT_IDM
     listed = joined([f"{speed:.1f}" for speed in speeds])
     below = any((sets.s0 < 0).any() for sets in (parameters, draws) if sets is not None)
-    kind = "CTHP" if model in CTHPS else f"{FOLLOWING[model].title}, linearised at {listed} m/s"
+    following = FOLLOWING[model]
+    kind = "CTHP" if following.is_linear else f"{following.title}, linearised at {listed} m/s"
     return ABOUT_ACC.format(model=kind) + (BELOW.format(speeds=listed) if below else "")
 
 

@@ -166,7 +166,7 @@ def starts(
         10
     """
     config: PinnConfig = analysis.config
-    if not analysis.spec.following.is_cthp:
+    if not analysis.spec.following.is_linear:
         analysis = replace(analysis, spec=PAPER_SPEC)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:

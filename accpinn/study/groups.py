@@ -28,17 +28,11 @@ from scipy.stats import multivariate_normal
 
 from accpinn.arguments import check_level
 from accpinn.errors import ConfigError
+from accpinn.inference.coordinates import AT_SPEED, coordinates_of
 from accpinn.inference.intervals import LEVEL
-from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
-from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.population import WITHIN, Car, sampled_population
 from accpinn.inference.typical import car_of
-from accpinn.inference.window_posterior import (
-    DRAWS,
-    STABILITY_DRAWS,
-    count_of,
-    parameters_of,
-    possible,
-)
+from accpinn.inference.window_posterior import DRAWS, STABILITY_DRAWS
 from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
@@ -139,10 +133,9 @@ class Group:
         return self._share(exact_margin)
 
     def _share(self, margin: Any) -> Quantity:
+        space = coordinates_of(self.model)
         drawn = (
-            parameters_of(
-                self.model, _evenly(possible(self.model, car.value, at), STABILITY_DRAWS), at
-            )
+            space.parameters(_evenly(space.possible(car.value, at), STABILITY_DRAWS), at)
             for car, at in zip(self.cars, self.speeds.tolist(), strict=True)
         )
         stable = [(margin(part) >= 0).mean() for part in drawn]
@@ -155,22 +148,19 @@ class Group:
     @cached_property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
         at = float(np.median(self.speeds)) if len(self.speeds) else AT_SPEED
+        space = coordinates_of(self.model)
         value, further = (
-            parameters_of(self.model, possible(self.model, phi, at), at)
+            space.parameters(space.possible(phi, at), at)
             for phi in (self.drawn.value, self.drawn.further)
         )
-        return parameters_of(self.model, self.drawn.middle, at), value, further
+        return space.parameters(self.drawn.middle, at), value, further
 
     def _spread(self, variances: FloatArray) -> dict[str, Quantity]:
-        names = self.names
-        deviations = WITHIN * np.sqrt(variances)
-        if FOLLOWING[self.model].is_cthp:
-            names = ("alpha", "beta", "time_gap", *FOLLOWING[self.model].terms)
-        else:
-            deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
+        spreads = coordinates_of(self.model).spreads
+        deviations = WITHIN * np.sqrt(variances) * [*spreads.values()]
         low, high = interval_ends(deviations, self.level)
         rows = np.array([np.median(deviations, axis=0), low, high]).T
-        return {name: Quantity(*map(float, row)) for name, row in zip(names, rows, strict=True)}
+        return {name: Quantity(*map(float, row)) for name, row in zip(spreads, rows, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -305,7 +295,7 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
 
 def _checked(posterior: Any, model: str) -> bytes:
     """The bytes of a posterior that can be one, else none."""
-    if posterior is None or posterior.shape[-1] != count_of(model):
+    if posterior is None or posterior.shape[-1] != coordinates_of(model).count:
         return b""
     if not (np.abs(posterior) <= FURTHEST).all() or not np.ptp(posterior, axis=0).any():
         return b""
@@ -315,15 +305,17 @@ def _checked(posterior: Any, model: str) -> bytes:
 @lru_cache(maxsize=KEPT_CARS)
 def _car(windows: tuple[bytes, ...], model: str, speed: MetresPerSecond) -> Car:
     """The typical value of one vehicle, from the draws of its windows."""
-    drawn = (np.frombuffer(raw).reshape(-1, count_of(model)) for raw in windows)
-    return car_of(np.array([possible(model, phi, speed) for phi in drawn]), ModelSpec(model))
+    space = coordinates_of(model)
+    drawn = (np.frombuffer(raw).reshape(-1, space.count) for raw in windows)
+    return car_of(np.array([space.possible(phi, speed) for phi in drawn]), ModelSpec(model))
 
 
 def _together(cars: Sequence[Car], model: str) -> Car:
     """A group's vehicles as one: its typical value, and a further window of a further vehicle."""
+    space = coordinates_of(model)
     if len(cars) < 2:
-        return cars[0] if cars else car_of(np.empty((0, 1, count_of(model))), ModelSpec(model))
-    population = population_of(model, count_of(model))
+        return cars[0] if cars else car_of(np.empty((0, 1, space.count)), ModelSpec(model))
+    population = space.population
     values = np.array([_evenly(car.value, DRAWS) for car in cars])
     prior = (
         multivariate_normal(population.centre, population.cars)

@@ -24,15 +24,15 @@ from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentErr
 from accpinn.evaluation import Evaluation, cross_validate, evaluate
 from accpinn.evaluation.closed_loop import ClosedLoop, closed_loop
 from accpinn.findings import Finding
+from accpinn.inference.coordinates import AT_SPEED, coordinates_of
 from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws
 from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.typical import posterior_findings
-from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import (
     SPEEDS,
@@ -320,7 +320,8 @@ class Result(Displayed):
         windows = [window_posterior(s, asked.case, asked.spec, kind) for s in self.segments]
         starts = [segment.window.start for segment in self.segments]
         drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
-        sets = parameters_of(found.model, np.moveaxis(drawn, 2, 0), found.speeds)
+        space = coordinates_of(found.model)
+        sets = space.parameters(np.moveaxis(drawn, 2, 0), found.speeds)
         groups["window_posterior"] = dataset(sets, window=starts)
         log = np.moveaxis(np.array([window.log_likelihood for window in windows]), 2, 0)[None]
         likelihood = {"speeds_and_gaps": (("chain", "draw", "window", "vehicle"), log)}

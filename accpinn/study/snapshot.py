@@ -474,7 +474,7 @@ def _check_estimate(estimate: Estimate, result: Result) -> None:
     for part in (estimate, estimate.posterior, estimate.history, estimate.track):
         _check_fields(part, dict(lengths))
     width = estimate.parameters.own.shape[-1]
-    own = 0 if estimate.following.is_cthp else len(estimate.names)
+    own = 0 if estimate.following.is_linear else len(estimate.names)
     _require(width == own, "its parameters are another model's")
     values = estimate.parameters.values
     known = values[~np.isnan(values).all(axis=1)]  # of the others nothing is determined

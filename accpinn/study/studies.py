@@ -23,7 +23,7 @@ import numpy as np
 
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
-from accpinn.inference.window_posterior import count_of
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.methods.registry import recommended_method, variant_name
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
@@ -348,7 +348,7 @@ def read_posteriors(folder: Path, model: str) -> dict[tuple[str, Seconds, int], 
     asked = (
         "select sha256, start, vehicle, draws from posteriors where model = ? order by method = ?"
     )
-    width, last = count_of(model), recommended_method(model)
+    width, last = coordinates_of(model).count, recommended_method(model)
     with _read(folder) as database:
         return {
             (sha256, start, vehicle): np.frombuffer(raw, "<f8").reshape(-1, width)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from accpinn import Parameters
-from accpinn.inference.posterior import _log_posterior, features
+from accpinn.inference.coordinates import time_gap_coordinates
+from accpinn.inference.posterior import _log_posterior
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import coordinates
@@ -41,7 +42,7 @@ def test_the_density_of_a_window_is_likelihood_and_prior_as_written_down(model: 
     z = np.array([one.centre for one in unknowns]) + 0.3 * rng.standard_normal((30, len(unknowns)))
     z = np.clip(z, *np.transpose([one.bounds for one in unknowns]))
     z[:, 1] = z[:, 0] + np.log(parameters.tau) + 0.3 * rng.standard_normal(30)
-    phi = features(model, z)
+    phi = time_gap_coordinates(model).of_unknowns(z)
     x = np.concatenate([phi[:, :3], z[:, 3:]], axis=1)
     expected = log_density_of_window(model, series.measured[..., 0], series.step)(x)
     each = _log_posterior(Criterion(series, ModelSpec(model)), z, np.zeros(30, int))

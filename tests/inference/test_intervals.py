@@ -9,9 +9,10 @@ import pytest
 from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference import prediction
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.inference.intervals import Uncertainty, from_draws, gain_band, growth, within
 from accpinn.inference.prediction import SIMULATIONS, gap_band
-from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.estimate import Estimate
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Case, Parameters
@@ -107,7 +108,7 @@ def test_where_nothing_moves_or_time_is_short_nothing_is_claimed(
     segment = segment_of()
     known = window_posterior(segment, "II", PAPER_SPEC)
     assert np.isnan(known.estimates).all()
-    draws = parameters_of("cthp", np.swapaxes(known.drawn, 0, 1), known.speeds)
+    draws = coordinates_of("cthp").parameters(np.swapaxes(known.drawn, 0, 1), known.speeds)
     uncertainty = from_draws(Parameters.of(known.estimates), draws, 0.9)
     for values in (uncertainty.probability_l2, uncertainty.centre.values, uncertainty.lower.values):
         assert np.isnan(values).all()

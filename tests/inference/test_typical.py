@@ -9,15 +9,16 @@ import pytest
 
 from accpinn import Parameters, Segment, cut
 from accpinn.errors import ConfigError
-from accpinn.inference.intervals import effective_draws
-from accpinn.inference.population import population_of, sampled_population
-from accpinn.inference.posterior import (
+from accpinn.inference.coordinates import (
     AT_SPEED,
-    features,
-    log_prior_of_features,
-    log_prior_of_theta,
-    sample,
+    coordinates_of,
+    log_prior_of_likely,
+    of_others,
+    time_gap_coordinates,
 )
+from accpinn.inference.intervals import effective_draws
+from accpinn.inference.population import sampled_population
+from accpinn.inference.posterior import log_prior_of_theta, sample
 from accpinn.inference.typical import (
     HeterogeneousFollowers,
     HeterogeneousWindows,
@@ -27,13 +28,7 @@ from accpinn.inference.typical import (
     posterior_findings,
     with_posterior,
 )
-from accpinn.inference.window_posterior import (
-    log_prior,
-    log_prior_of_likely,
-    of_others,
-    parameters_of,
-    window_posterior,
-)
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.estimate import Estimate, WeaklyDetermined
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Criterion
@@ -118,7 +113,7 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
 
 def test_where_s0_is_more_than_the_time_gap_the_gap_stays() -> None:
     phi = np.array([[np.log(0.1), np.log(0.4), np.log(gap), 20.0, 0.3] for gap in (0.5, 1.5)])
-    found = parameters_of("cthp-s0-delay", phi, 20.0)
+    found = coordinates_of("cthp-s0-delay").parameters(phi, 20.0)
     np.testing.assert_allclose(time_gap("cthp-s0-delay", found, AT_SPEED), [0.5, 1.5])
     np.testing.assert_allclose(found.tau, [0.0, 1.5 - 20.0 / AT_SPEED], atol=1e-12)
 
@@ -158,8 +153,9 @@ def test_the_prior_under_which_windows_are_drawn_cancels() -> None:
     """Draws of a window alone and those beside other cars lead to the same answer."""
     window = window_posterior(windows(range(1))[0], "II", ModelSpec(BEST))
     alone, told = window.drawn[0], window.likely[0]
-    priors = log_prior(BEST, alone), log_prior_of_likely(ModelSpec(BEST), told)
-    population = population_of(BEST, len(FOLLOWING[BEST].parameters))
+    space = coordinates_of(BEST)
+    priors = space.log_prior(alone), log_prior_of_likely(ModelSpec(BEST), told)
+    population = space.population
     ends = [
         np.quantile(sampled_population(drawn[None], prior[None], population).value, ENDS, axis=0)
         for drawn, prior in zip((alone, told), priors, strict=True)
@@ -248,10 +244,11 @@ def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(m
     z = np.tile(criterion.start, (20, 1))
     z[:, free] += np.random.default_rng(2).normal(0, 0.3, (20, len(free)))
     steps = 1e-5 * np.eye(criterion.size)[free]
-    slopes = [(features(model, z + step) - features(model, z - step)) / 2e-5 for step in steps]
+    space = time_gap_coordinates(model)
+    slopes = [(space.of_unknowns(z + h) - space.of_unknowns(z - h)) / 2e-5 for h in steps]
     volume = np.log(np.abs(np.linalg.det(np.moveaxis(slopes, 0, -1))))
     of_z = criterion.log_prior(z) + log_prior_of_theta(model, z)
-    over = of_z - volume - log_prior_of_features(model, features(model, z))
+    over = of_z - volume - space.log_prior(space.of_unknowns(z))
     np.testing.assert_allclose(over, over[0], atol=1e-5)
 
 

@@ -8,8 +8,8 @@ from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, discretise, state_space
-from accpinn.model.registry import CTHPS
 from bench.disturbed import Disturbance, disturbed
+from tests.support.following import CTHPS
 from tests.support.vehicles import AUDI, BMW, row
 
 PAIR = row(AUDI, BMW)

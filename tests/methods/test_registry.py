@@ -30,7 +30,7 @@ from accpinn.methods.registry import (
 )
 from accpinn.methods.series import measured_of
 from accpinn.model.cthp import Case
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import PAPER_SPEC
 from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
@@ -213,6 +213,6 @@ class TestNames:
         for model in FOLLOWING:
             method = METHODS[recommended_method(model)]
             settings = method.settings.default().to_json() if method.settings else {}
-            assert method.key == ("pinn" if model in CTHPS else "simulation")
+            assert method.key == ("pinn" if FOLLOWING[model].is_linear else "simulation")
             assert model in method.models(settings)
             assert method.posterior(settings) is not None

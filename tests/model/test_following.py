@@ -11,11 +11,11 @@ from accpinn.methods.simulation import Drives, optima
 from accpinn.model import cthp
 from accpinn.model.following import FollowingModel
 from accpinn.model.published import ASTAZERO, CASALE, CASALE_STARTS, VICOLUNGO
-from accpinn.model.registry import BASES, CTHPS, FOLLOWING, IDM, following_model
+from accpinn.model.registry import BASES, FOLLOWING, IDM, following_model
 from accpinn.stability.criteria import response
 from tests.stability.references import TABLE
 from tests.support.command import ROOT
-from tests.support.following import driven
+from tests.support.following import CTHPS, driven
 
 SPEED = 22.0
 TIME = np.arange(0.0, 30.05, 0.1)

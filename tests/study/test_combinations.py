@@ -93,7 +93,7 @@ def chosen(name: str, model: str) -> dict[str, Any]:
     given: dict[str, Any] = {"method": method, "preset": config.preset if config else None}
     if name == "pinn-paper":
         first = truth(model, "I")[0].tolist()
-        own = [] if FOLLOWING[model].is_cthp else [1, 1, 1, 0, 0, 0, *first]
+        own = [] if FOLLOWING[model].is_linear else [1, 1, 1, 0, 0, 0, *first]
         given["settings"] = {"iterations": 20, "initial": own or first[:3]}
     return given
 

@@ -14,7 +14,7 @@ from scipy.stats import beta, binom
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.coordinates import AT_SPEED
 from accpinn.inference.typical import car_of
 from accpinn.model.registry import BEST
 from accpinn.model.spec import ModelSpec

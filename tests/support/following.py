@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from accpinn.model.following import FollowingModel
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings.synthetic import LeaderProfile, leader_speed
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 from tests.support.driving import segment_of
 
+CTHPS = tuple(key for key, model in FOLLOWING.items() if model.is_linear)
+"""The paper's model, and those with terms beside it."""
 LEADER = LeaderProfile(24.0, 6.0, 33.0, (8.0, 20.0), (0.5, 1.5), 0.2)
 """A drive over all speeds, so that the shape of a model over speed can be seen."""
 

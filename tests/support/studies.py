@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.coordinates import AT_SPEED
 from accpinn.methods.registry import variant_of
 from accpinn.recordings import Window
 from accpinn.study import Analysis, Source

@@ -40,7 +40,7 @@ from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.simulation import bounds_of
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_speeds
 from accpinn.units import FloatArray, Mask
@@ -110,7 +110,7 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
         ConfigError: where these are not the model's.
     """
     own, named = config.initial.own, model.parameters
-    if model.key in CTHPS:
+    if model.is_linear:
         ends = np.array([(p.lower, p.upper) for p in named])
         own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
     elif not own.size:

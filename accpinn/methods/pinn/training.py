@@ -34,7 +34,7 @@ from accpinn.methods.pinn.config import (
 from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import BEST, CTHPS, FOLLOWING
+from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.model.registry import PAPER as PAPER_MODEL
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
@@ -302,7 +302,8 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """All models, the paper's first; of the preset `calibrated` the CTHPs, the best one first."""
     if settings["preset"] == "calibrated":
-        return (BEST, *(key for key in CTHPS if key != BEST))
+        linear = (key for key, model in FOLLOWING.items() if model.is_linear and key != BEST)
+        return (BEST, *linear)
     return tuple(FOLLOWING)
 
 

@@ -135,7 +135,7 @@ def parameter_history(
     if sets < segment.followers:
         labels, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
-    title = TITLES.get(name, "") if FOLLOWING[model].is_cthp else ""
+    title = TITLES.get(name, "") if FOLLOWING[model].is_linear else ""
     chart = _Course(history, title or f"{column.group}: {column.title}", f"parameter-{which}")
     for k, (label, colour) in enumerate(zip(labels, colours, strict=True)):
         if ends is not None:

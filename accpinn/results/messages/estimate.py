@@ -15,7 +15,7 @@ from accpinn.inference.prediction import GapBand
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, PAPER, TITLES, has_terms_of, value_of
+from accpinn.model.registry import FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.results.description import PAPERS_POINT as PAPERS_POINT
 from accpinn.results.description import POINT as POINT
 from accpinn.results.description import Description, Row, describe, view
@@ -43,7 +43,7 @@ def assumption(result: Result, speed: MetresPerSecond | None = None) -> str:
     """
     description, model = describe(result), result.estimate.following
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
-    at = "" if model.is_cthp else f", linearised at {at}"
+    at = "" if model.is_linear else f", linearised at {at}"
     point = f"; {description.point}" if description.point else ""
     windows = "one window" if len(result.infos) == 1 else f"{len(result.infos)} windows"
     return f"The verdict is that of the {model.title}, estimated from {windows}{at}{point}."
@@ -111,7 +111,7 @@ def about_estimate(description: Description) -> str:
     """What the numbers of the table of parameters are."""
     estimate = description.estimate
     speeds, model, level = estimate.speeds, estimate.following, estimate.level
-    gap = f", {'τ + s₀/v' if 's0' in model.names else 'τ'}" if model.is_cthp else ""
+    gap = f", {'τ + s₀/v' if 's0' in model.names else 'τ'}" if model.is_linear else ""
     low, high = (f"{3.6 * end:.0f}" for end in (speeds.min(), speeds.max()))
     median = low if low == high else f"{low} to {high}"
     said = (
@@ -129,7 +129,8 @@ def about_estimate(description: Description) -> str:
 
 def true_model(truth: Parameters) -> str:
     """The key of the CTHP that a synthetic recording was made with; empty for another model."""
-    return next((key for key in CTHPS if has_terms_of(key, truth)), "")
+    linear = (key for key, model in FOLLOWING.items() if model.is_linear)
+    return next((key for key in linear if has_terms_of(key, truth)), "")
 
 
 def about_truth(truth: Parameters, estimate: Estimate) -> str:
@@ -199,7 +200,8 @@ def _gains(whose: str, rows: Sequence[Row]) -> tuple[str, ...]:
 
 def about_band(model: str) -> str:
     """What the band of gaps is that a model with a posterior predicts."""
-    simulated = TITLES[model] if model in CTHPS else f"linearisation of the {TITLES[model]}"
+    is_linear = FOLLOWING[model].is_linear
+    simulated = TITLES[model] if is_linear else f"linearisation of the {TITLES[model]}"
     return (
         f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
         " posterior samples of the parameters and random disturbances of the estimated size."

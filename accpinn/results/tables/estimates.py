@@ -201,7 +201,7 @@ def row_label(info: SegmentInfo, number: int) -> str:
 def columns_of(model: str) -> dict[str, Column]:
     """A model's own parameters by name, in its own order: those of a CTHP α, β, τ and its terms."""
     following = FOLLOWING[model]
-    if following.is_cthp:
+    if following.is_linear:
         known = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
         return {name: known[name] for name in following.names}
     return {
@@ -221,7 +221,7 @@ def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[
     They are α, β and τ, and of s₀, λ and d those that a set has: τ alone says little beside an s₀.
     A model that is no CTHP has the s₀ of its linearisation, and then its own parameters.
     """
-    own = [] if FOLLOWING[model].is_cthp else [*columns_of(model).values()]
+    own = [] if FOLLOWING[model].is_linear else [*columns_of(model).values()]
     yield from enumerate(PARAMETER_COLUMNS)
     for at, column in enumerate(TERM_COLUMNS[: 1 if own else None], len(PARAMETER_COLUMNS)):
         if np.nan_to_num(parameters.complete[:, at]).any():

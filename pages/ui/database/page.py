@@ -17,7 +17,7 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.methods.estimate import SPEEDS
 from accpinn.methods.registry import COMPARED
-from accpinn.model.registry import CTHPS
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings import Window
 from accpinn.results import database as results
 from accpinn.results.figures import database as figures
@@ -236,7 +236,8 @@ def _show_filters(
 def _show_forest(selected: ShownRows, about: str) -> None:
     show.chart(selected.forest, "database_forest")
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
-    near = "" if selected.groups.model in CTHPS else " α and β are those near the median speed."
+    is_linear = FOLLOWING[selected.groups.model].is_linear
+    near = "" if is_linear else " α and β are those near the median speed."
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
         f"Typical value of each group with its {level:.0f} % interval: of its one vehicle, or of"

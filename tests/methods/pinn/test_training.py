@@ -23,8 +23,9 @@ from accpinn.methods.estimate import (
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.pinn.fast import FastTraining
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from tests.support.driving import LAW, MIXED, driven, segment_of
+from tests.support.following import CTHPS
 from tests.support.methods import WEIGHTED, after, train
 from tests.support.snapshots import asked_of, bits
 
