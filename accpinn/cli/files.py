@@ -140,9 +140,7 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
-    return "\n".join(
-        [", ".join(filter(None, about)), "", table, "", verification.mark, *more]
-    )
+    return "\n".join([", ".join(filter(None, about)), "", table, "", verification.mark, *more])
 
 
 def run_report(options: argparse.Namespace) -> int:

@@ -219,7 +219,7 @@ def typed_vehicles(
         ParameterError: naming the follower whose parameters allow nothing.
     """
     following = FOLLOWING[model]
-    if following.is_cthp:
+    if following.is_linear:
         terms = np.nan_to_num(values[:, 3:], nan=0.0)
         complete = Parameters.of(np.column_stack([values[:, :3], terms]))
         return ParameterSet(title, names, complete, model=model)

@@ -48,6 +48,7 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.results.figures.training import curves_of, drive, driven, training_figures
+from accpinn.results.marks import LEGEND
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
@@ -187,6 +188,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "strip": Markup(strip_html(strip)),
         "strip_about": " · ".join(strip.about),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
+        "legend": LEGEND,
         "words": words,
         "on_estimate": on_estimate,
         "on_platoon": on_platoon,

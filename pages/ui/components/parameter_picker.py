@@ -40,12 +40,13 @@ OF_CTHP = (*CTHP_S0.parameters, LAG, DELAY)
 SPEED_COLUMN = "at [m/s]"
 """Heading of the speed at which a model is linearised that is no CTHP."""
 BY_HAND = "parameters by hand"
-EXAMPLE, SNAPSHOT, MODEL, ROWS, BASE, EDITION, SHOWN, TAKEN = (
+EXAMPLE, SNAPSHOT, MODEL, ROWS, OF_MODELS, BASE, EDITION, SHOWN, TAKEN = (
     f"parameters_{name}"
-    for name in ("example", "snapshot", "model", "rows", "base", "edition", "shown", "taken")
-)
+    for name in ("example", "snapshot", "model", "rows", "of_models", "base", "edition", "shown",
+                 "taken")
+)  # fmt: skip
 """Names of choices: title of a published set, short name of a snapshot, the model by hand and its
-rows, now and when the table came to the page, how often they came from elsewhere than the table,
+rows, those of other models before, the rows when the table came to the page, how often they came from elsewhere than the table,
 the vehicles shown last, and the model and rows of those shown last that were not typed in."""
 Row = tuple[Any, ...]
 """A vehicle by hand: its name, its parameters with all digits, and for a model that is no CTHP the
@@ -245,6 +246,11 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
         choices[MODEL], choices[ROWS] = taken
     model, rows = choices.get(MODEL, PAPER), choices[ROWS]
 
+    def choose_model(chosen: str) -> None:
+        choices[OF_MODELS] = {**choices.get(OF_MODELS, {}), model: rows}
+        usual = tuple((row[0], *_usual_row(chosen)[1:]) for row in rows)
+        change(chosen, choices[OF_MODELS].get(chosen, usual))
+
     def change(model: str, rows: Sequence[Row]) -> None:
         choices.update({MODEL: model, ROWS: tuple(rows), EDITION: choices.get(EDITION, 0) + 1})
 
@@ -254,11 +260,7 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
         change(model, [*rows[: int(cars)], *added])
 
     with st.container(horizontal=True, vertical_alignment="bottom"):
-        select(
-            "Model", _models(), model, f"{key}_model",
-            lambda chosen: change(chosen, [(row[0], *_usual_row(chosen)[1:]) for row in rows]),
-            width=240,
-        )  # fmt: skip
+        select("Model", _models(), model, f"{key}_model", choose_model, width=240)
         st.number_input(
             "Cars", min_value=1, max_value=MOST, step=1, width=130,
             help="A further car is like the last; change its values in its row.",
@@ -288,7 +290,7 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
 
 def _models() -> dict[str, str]:
     """The models by their keys: one CTHP, which has all terms, and every other."""
-    others = {key: model.title for key, model in FOLLOWING.items() if not model.is_cthp}
+    others = {key: model.title for key, model in FOLLOWING.items() if not model.is_linear}
     return {PAPER: "CTHP"} | others
 
 
@@ -296,17 +298,17 @@ def _columns(model: str) -> Mapping[str, Any]:
     """The columns of a table by hand: no step and no format, so that no digit is lost."""
     following = FOLLOWING[model]
     number = st.column_config.NumberColumn
-    parameters = OF_CTHP if following.is_cthp else following.parameters
+    parameters = OF_CTHP if following.is_linear else following.parameters
     named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=90) for p in parameters}
     speed = number(format="%.6g", width=90, help="The speed at which the model is linearised.")
     text = st.column_config.TextColumn(max_chars=40, width=180)
-    return {"Vehicle": text} | named | ({} if following.is_cthp else {SPEED_COLUMN: speed})
+    return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
 
 
 def _usual_row(model: str) -> Row:
     """A vehicle at the typical values of its model; a CTHP without further terms."""
     following = FOLLOWING[model]
-    if following.is_cthp:
+    if following.is_linear:
         return ("Vehicle 1", *following.typical[:3].tolist(), *(0.0 for _ in TERMS))
     return ("Vehicle 1", *following.typical.tolist(), Sinusoid.speed)
 
@@ -327,6 +329,6 @@ def _typed(model: str, rows: Sequence[Row]) -> ParameterSet:
     names = table[0].astype(object).fillna("").str.strip()
     known = tuple(name or f"Vehicle {k}" for k, name in enumerate(names, 1))
     values = table.iloc[:, 1:].to_numpy(float)
-    if FOLLOWING[model].is_cthp:
+    if FOLLOWING[model].is_linear:
         return typed_vehicles(BY_HAND, model, known, values, np.empty(0))
     return typed_vehicles(BY_HAND, model, known, values[:, :-1], values[:, -1])

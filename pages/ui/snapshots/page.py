@@ -233,8 +233,8 @@ def _show_buttons(
                 help="The report then has neither recorded speeds and gaps nor simulated ones.",
             )  # fmt: skip
             st.download_button(
-                "Download the report", lambda: _report(workspace, snapshot, recording), f"{stem}.html",
-                "text/html", on_click="ignore", key="snapshots_report",
+                "Download the report", lambda: _report(workspace, snapshot, recording),
+                f"{stem}.html", "text/html", on_click="ignore", key="snapshots_report",
                 help="One web page that needs nothing but a browser; it can be printed.",
             )  # fmt: skip
         if library().has(snapshot.id):
@@ -265,7 +265,7 @@ def _report(workspace: Workspace, snapshot: Result, recording: Recording | None)
 def _verified(workspace: Workspace, snapshot: Result) -> Verification | None:
     """How it was verified, now or earlier, by whomever; None where it was not."""
     task = workspace.verifications.get(snapshot.id)
-    return library().verification(snapshot.id) or (task and task.result)
+    return library().verification(snapshot.id) or (task.result if task else None)
 
 
 def _show_standing(workspace: Workspace, snapshot: Result, recording: Recording | None) -> None:
