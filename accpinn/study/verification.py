@@ -190,6 +190,13 @@ class Verification:
         return f"Verified in part: {agree}; not checked: {left}."
 
     @property
+    def brief(self) -> str:
+        """The mark with its number, for a list."""
+        differing = sum(check.differing for check in self.checks)
+        counted = f"{differing:,} differ" if differing else f"{self.numbers:,} agree"
+        return f"{MARKS[self.ok]} {'differs' if self.ok is False and not differing else counted}"
+
+    @property
     def mark(self) -> str:
         """The sentence behind its mark."""
         return f"{MARKS[self.ok]} {self.sentence}"

@@ -47,6 +47,13 @@ def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
         expect(page.locator(".js-plotly-plot").first).to_be_visible()
         idle(page)
         counts[title] = len(words(page, is_fold=True)), len(words(page))
+    go(page, "Snapshots")
+    counts["Snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_role("button", name=re.compile("Verify")).wait_for()
+    expect(page.locator(".js-plotly-plot").first).to_be_visible()
+    idle(page)
+    counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(file or "sample", counts)
     assert all(0 < fold <= FOLD and fold <= whole <= PAGE for fold, whole in counts.values()), (

@@ -1,5 +1,6 @@
 """The page Snapshots and what a snapshot restores on all others, without a browser."""
 
+import html
 from dataclasses import replace
 
 import pytest
@@ -78,7 +79,9 @@ class TestList:
         for kept in (page.sound(), open_page("Snapshots", snapshot=name)):
             (said,) = kept.boxes("error")
             assert "stored α" in said
-        assert "Does not verify" in page.press("snapshots_back").plain()
+        listed = page.press("snapshots_back").plain()
+        assert library().verification(name).brief in listed
+        assert said in html.unescape(listed), "on hover"
 
     def test_a_verification_is_stopped_and_leaves_no_mark(self) -> None:
         name = library().add(whole())

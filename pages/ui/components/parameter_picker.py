@@ -46,8 +46,9 @@ EXAMPLE, SNAPSHOT, MODEL, ROWS, OF_MODELS, BASE, EDITION, SHOWN, TAKEN = (
                  "taken")
 )  # fmt: skip
 """Names of choices: title of a published set, short name of a snapshot, the model by hand and its
-rows, those of other models before, the rows when the table came to the page, how often they came from elsewhere than the table,
-the vehicles shown last, and the model and rows of those shown last that were not typed in."""
+rows, those of other models before, the rows when the table came to the page, how often they came
+from elsewhere than the table, the vehicles shown last, and the model and rows of those shown last
+that were not typed in."""
 Row = tuple[Any, ...]
 """A vehicle by hand: its name, its parameters with all digits, and for a model that is no CTHP the
 speed at which it is linearised; an empty cell is None or nan."""

@@ -1,5 +1,7 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
+import html
+
 import streamlit as st
 
 from accpinn.errors import SnapshotError
@@ -30,10 +32,9 @@ from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, ti
 
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
-MARKS = {True: ":green[:material/verified:]", False: ":red[:material/cancel:]",
-         None: ":material/pending:"}  # fmt: skip
-"""How a verification ended: icons that differ in shape."""
-BRIEF = {True: "Verified", False: "Does not verify", None: "Verified in part"}
+COLOURS = {True: "green", False: "red", None: "gray"}
+"""Of a verification's mark by its outcome."""
+MARK = '<span style="cursor: help; white-space: nowrap; opacity: .85" title="{why}">{brief}</span>'
 CONTAINS = (
     "The file contains the recorded speeds and gaps of its windows. To share less, send the"
     " parameter card (Train, Export) or a report without curves."
@@ -136,15 +137,11 @@ def _upload_form(workspace: Workspace) -> None:
 
 def _show_actions(workspace: Workspace, entry: Entry) -> None:
     """How it was verified, and what its owner can do."""
-    with st.container(horizontal=True, vertical_alignment="center", gap="small"):
+    with st.container(gap=None):
         if checked := library().verification(entry.id):
-            said = f"{MARKS[checked.ok]} {BRIEF[checked.ok]}"
-            st.caption(said, help=_about(checked), width="content")
+            why = html.escape(f"{checked.sentence} {checked.how}.")
+            st.html(MARK.format(why=why, brief=html.escape(checked.brief)))
         _delete_button(workspace, entry)
-
-
-def _about(checked: Verification) -> str:
-    return escape_markdown(f"{checked.sentence} {checked.how}.")
 
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
@@ -280,7 +277,8 @@ def _show_standing(workspace: Workspace, snapshot: Result, recording: Recording 
         if checked and checked.ok is False:
             show.messages(checked.sentence, "error")
         elif checked:
-            said = f"{MARKS[checked.ok]} {escape_markdown(checked.sentence)}"
+            mark, said = checked.mark[0], escape_markdown(checked.sentence)
+            said = f":{COLOURS[checked.ok]}[**{mark}**] {said}"
             st.caption(said, help=escape_markdown(checked.how), width="content")
         _verify_button(workspace, snapshot, recording, checked)
 
