@@ -80,6 +80,8 @@ ENDINGS = {1: ("",), 2: ("_low", "_high"), 3: ("", "_low", "_high")}
 """What is added to a column's name in a CSV file, by the number of columns that it takes there."""
 OUTSIDE_WORDS = "outside its interval"
 FIXED = "fixed"
+MANY = 12
+"""Number of columns beyond which they stand closer."""
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -379,7 +381,7 @@ class Table:
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         return template("tables/table.html").render(
-            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG,
+            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG, many=MANY,
             classes=[column.html_class for column in self.columns],
             titles=[column.full_title for column in self.columns],
         )  # fmt: skip
