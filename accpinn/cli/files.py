@@ -140,15 +140,7 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
-    verdict = (
-        "Not everything was checked"
-        if verification.ok is None
-        else "Everything was computed again and agrees"
-        if verification.ok
-        else "It does not agree"
-    )
-    said = [f"{verdict}: {verification.counted}.", *more]
-    return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
+    return "\n".join([", ".join(filter(None, about)), "", table, "", verification.mark, *more])
 
 
 def run_report(options: argparse.Namespace) -> int:

@@ -32,6 +32,8 @@ class Estimated:
     quantity: Quantity
     """All nan where it is not determined."""
     why: str
+    is_extrapolated: bool = False
+    """Whether no window holds the speed that it is of."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +160,10 @@ def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
     further: Span = value.span
     if isfinite(further.further_lower):
         said += [f"In a further drive: {further.further_lower:.2f}–{further.further_upper:.2f} s."]
-    said += [f"{capital(EXTRAPOLATED)}."] * (value.note == EXTRAPOLATED)
-    return Estimated(value.span, " ".join(said))
+    is_extrapolated = value.note == EXTRAPOLATED
+    said += [f"{capital(EXTRAPOLATED)}."] * is_extrapolated
+    said += [] if value.span.is_inside else ["The estimate lies outside its interval."]
+    return Estimated(value.span, " ".join(said), is_extrapolated)
 
 
 def _gap_of(subject: KnownVehicles, place: int) -> Quantity:

@@ -24,7 +24,7 @@ from accpinn.stability import Assessment, StabilityReport, assessment, stability
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.result import Result
-from accpinn.units import MetresPerSecond, Quantity, RadiansPerSecond
+from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -200,6 +200,41 @@ def known_vehicles(result: Result) -> KnownVehicles:
         estimate.model,
     )
     return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
+
+
+def typed_vehicles(
+    title: str, model: str, names: tuple[str, ...], values: FloatArray, speeds: FloatArray
+) -> ParameterSet:
+    """Followers of parameters that somebody types in, or takes over from a result.
+
+    Args:
+        title: of the set.
+        model: the key; of a CTHP all terms may stand, whatever it is called.
+        names: (M,) of the followers.
+        values: (M, 6) α, β, τ, s₀, λ, d of a CTHP, where a term that is missing is 0; or (M, n) the
+            parameters of another model.
+        speeds: (M,) in m/s, at which another model is linearised.
+
+    Raises:
+        ParameterError: naming the follower whose parameters allow nothing.
+    """
+    following = FOLLOWING[model]
+    if following.is_linear:
+        terms = np.nan_to_num(values[:, 3:], nan=0.0)
+        complete = Parameters.of(np.column_stack([values[:, :3], terms]))
+        return ParameterSet(title, names, complete, model=model)
+    for name, row, speed in zip(names, values, speeds.tolist(), strict=True):
+        for parameter, value in zip(following.parameters, row.tolist(), strict=True):
+            if not np.isfinite(value) or (parameter.is_positive and value <= 0):
+                more = "a number above 0" if parameter.is_positive else "a number"
+                given = "is missing" if np.isnan(value) else f"= {value:g} is not allowed"
+                raise ParameterError(f"{name}: {parameter.symbol} {given}; give {more}.")
+        if not speed > 0:
+            raise ParameterError(
+                f"{name}: the speed is missing at which the model is linearised; give one in m/s."
+            )
+        following.linearised(row, speed)
+    return ParameterSet(title, names, following.linearisations(values.T, speeds), model=model)
 
 
 def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[Objection]:

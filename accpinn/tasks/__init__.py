@@ -40,7 +40,9 @@ from accpinn.study.comparison import Refused, compare, starts
 from accpinn.study.judge import Judgement, Subject, judge
 from accpinn.study.result import Result
 from accpinn.study.run import run
+from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
+from accpinn.study.verification import HOWEVER_LONG, Verification, verify
 from accpinn.units import Seconds
 
 _log = logging.getLogger(__name__)
@@ -553,6 +555,21 @@ def judgement_task(
     weights = [len(model.parameters) ** 2 for model in following]
     titles = tuple(model.title for model in following)
     return Task(owner, "judgement of models", steps, titles, weights)
+
+
+def verification_task(
+    owner: str, snapshot: Result, recording: Recording | None, library: Library
+) -> Task[Verification]:
+    """The methods of a snapshot run again, and compared; the library keeps what came of it."""
+
+    def steps(context: TaskContext) -> Iterator[Verification]:
+        get_ready()
+        found = verify(snapshot, recording, refit_within=HOWEVER_LONG, context=context)
+        if not context.is_stopped:
+            library.keep_verification(snapshot, found)
+            yield found
+
+    return Task(owner, "verification", steps)
 
 
 @dataclass(frozen=True)

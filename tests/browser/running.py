@@ -190,8 +190,8 @@ def downloaded(page: Page, button: Locator) -> tuple[str, bytes]:
 
 
 def estimate(cell: str) -> float:
-    """The value before its interval; a star marks one that lies outside."""
-    return float(cell.split()[0].rstrip("*"))
+    """The value before its interval, without its marks."""
+    return float(cell.split()[0].rstrip("○□†"))
 
 
 def chart(page: Page, key: str) -> Locator:

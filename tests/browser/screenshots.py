@@ -66,7 +66,9 @@ SCENES = {
                   "fill Name = Before the update",
                   "wait Saved as", "press All snapshots", "fill Name = After the update",
                   "wait Saved as", "press All snapshots", "shoot snapshots",
-                  "press Before the update", "tour snapshot", "press Share", "link Data",
+                  "press Before the update", "tour snapshot", "press Verify, about",
+                  "wait numbers computed again agree", "tour snapshot_verified", "press Share",
+                  "link Data",
                   "shoot snapshot_on_data", "to Train", "shoot snapshot_on_train", "to Compare",
                   "shoot snapshot_on_compare"),
 }  # fmt: skip

@@ -5,6 +5,7 @@ from dataclasses import replace
 from math import isfinite, pi
 from typing import Any
 
+import numpy as np
 import pytest
 
 from accpinn import Library, Parameters, Result, stability_report
@@ -184,12 +185,52 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     page = open_page("Stability", with_example()).choose("parameters_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
-    assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
+    assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52, 0.0, 0.0, 0.0),)
     assert "Hyundai amplifies disturbances" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page("Stability", session)
     assert "Vehicle 2 amplifies disturbances by up to 38 %" in again.plain()
     assert "Vehicle 2" in open_page("Platoon", session).plain()
+
+
+@pytest.mark.parametrize("model", ["cthp-s0-delay", "idm", "fvdm-lag"])
+def test_what_is_taken_over_by_hand_is_the_learned_set_with_all_digits(model: str) -> None:
+    session = with_pair()
+    session.choose_model(model)
+    result = train_at_once(session)
+    learned = known_vehicles(result)
+    page = open_page("Stability", session).choose("stability_source", "hand")
+    typed = parameters_from(session, "hand", ())
+    np.testing.assert_allclose(
+        typed.vehicles.parameters.everything, learned.vehicles.parameters.everything,
+        rtol=1e-12, atol=0,
+    )  # fmt: skip
+    for one, other in zip(typed.report.vehicles, learned.report.vehicles, strict=True):
+        assert [v.stable for v in (one.l2, one.linf_paper, one.linf_exact)] == [
+            v.stable for v in (other.l2, other.linf_paper, other.linf_exact)
+        ]
+        assert one.linf_gain == pytest.approx(other.linf_gain, rel=1e-12)
+        assert one.peak.gain == pytest.approx(other.peak.gain, rel=1e-12)
+    page.choose("stability_rows_cars", 3)
+    assert len(parameters_from(session, "hand", ()).vehicles) == 3
+    assert page.press("stability_rows_take").sound()
+    assert len(session.choices[ROWS]) == 1
+    assert not open_page("Platoon", session).error
+
+
+def test_by_hand_another_model_has_its_own_parameters() -> None:
+    page = open_page("Stability", with_example()).choose("stability_source", "hand")
+    page.choose("stability_rows_model", "idm-delay")
+    session = page.workspace()
+    assert [len(row) for row in session.choices[ROWS]] == [8] * 4
+    assert parameters_from(session, "hand", ()).vehicles.model == "idm-delay"
+    name, *values = session.choices[ROWS][0]
+    for place, value, sentence in ((0, -1.0, "a = -1 is not allowed"), (3, None, "s₀ is missing"),
+                                   (6, None, "the speed is missing"),
+                                   (6, 60.0, "no equilibrium")):  # fmt: skip
+        session.choices[ROWS] = ((name, *values[:place], value, *values[place + 1 :]),)
+        (error,) = open_page("Stability", session).boxes("error")
+        assert sentence in error
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])

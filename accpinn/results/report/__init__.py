@@ -35,6 +35,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.description import describe
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.laboratory import steady_waves
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.strip import STYLE as STRIP_STYLE
 from accpinn.results.figures.strip import strip_html
@@ -47,6 +48,7 @@ from accpinn.results.figures.style import (
     with_legend,
 )
 from accpinn.results.figures.training import curves_of, drive, driven, training_figures
+from accpinn.results.marks import LEGEND
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
@@ -73,8 +75,14 @@ FOLLOWERS = 8
 """Followers of the simulated platoon where only one is known."""
 POINTS = 800
 """Largest number of points a line, so that the page stays below 6 MB, of which plotly takes 5."""
+FIRST_PAGE, A_ROW = 345, 15
+"""Height in pixels of a figure on the printed first page, and how much less for a row of the strip
+there."""
+WAVES = 320
+"""Height in pixels of the platoon's speeds on the screen."""
 EXPLAINED = (Criterion.LINF_PAPER, Criterion.LINF_EXACT, Criterion.L2_WEAK, Criterion.LINF_WEAK)
 """Verdicts whose reasons are given; the table has all that is to be said about the others."""
+MEASURED = "Points with bars: the measured gain; faint where it is not compared."
 UNCHANGING = (2020, 1, 1, 0, 0, 0)
 """Date of every file in a bundle, so that equal results make equal bundles."""
 
@@ -86,6 +94,8 @@ class Picture:
     name: str
     figure: go.Figure
     caption: str
+    printed: int = 0
+    """Its height in pixels on paper; 0 for that of its kind."""
 
     def drawn(self) -> dict[str, Any]:
         """Name, data and layout for the page's script; numbers in single precision."""
@@ -100,7 +110,8 @@ class Picture:
         for axis in axes_of(parts):  # titles keep clear of the numbers
             axis["automargin"], axis["title"] = True, axis.get("title", {}) | {"standoff": 8}
         parts["layout"]["template"] = None
-        return {"name": self.name, **json.loads(to_json(Figure(parts).to_dict(), validate=False))}
+        drawn = json.loads(to_json(Figure(parts).to_dict(), validate=False))
+        return {"name": self.name, "printed": self.printed, **drawn}
 
 
 def render_report(
@@ -164,7 +175,10 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
     curves = [*curve_pictures(snapshot)] if with_curves else []
     responses, training = [*stability_pictures(snapshot)], [*training_pictures(snapshot)]
     run, cast, platoon, repeated = platoon_pictures(snapshot) or (None, None, (), "")
-    parts = (curves[:1] + responses[:1], motion, curves[1:], training, responses[1:], platoon)
+    height = FIRST_PAGE - A_ROW * len(strip.rows)  # so that the first page ends with them
+    first_page = [replace(picture, printed=height) for picture in
+                  (*responses[:1], *_waves(cast, run, repeated))]  # fmt: skip
+    parts = (first_page, motion, curves, training, responses[1:], platoon)
     names = ("first_page", "motion", "curves", "training", "stability_pictures", "platoon")
     return {
         **dict(zip(names, parts, strict=True)),
@@ -174,6 +188,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "strip": Markup(strip_html(strip)),
         "strip_about": " · ".join(strip.about),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
+        "legend": LEGEND,
         "words": words,
         "on_estimate": on_estimate,
         "on_platoon": on_platoon,
@@ -185,12 +200,23 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
             (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
             for label, said in (on_stability.reasons(subject) if subject.has_report else ())
         ],
+        "has_measured": stability_figures.measured_of(subject) if subject.has_report else False,
         "run": run,
         "cast": cast,
         "repeated": repeated,
         "checked": checked,
         "checks": Markup(verification_table(checked).to_html()),
     }
+
+
+def _waves(cast: Cast | None, run: PlatoonRun | None, who: str) -> Iterator[Picture]:
+    """The speeds of the platoon behind the simulated leader, once its transient is over."""
+    if cast is None or run is None or not isinstance(run.leader, Sinusoid):
+        return
+    omega = run.leader.frequency
+    shades = "Light to dark: first to last." if len(cast.vehicles) == 1 else "Colours as above."
+    said = f"{who}, behind a leader (thick) whose speed oscillates at {omega:.3g} rad/s. {shades}"
+    yield Picture("waves", steady_waves(cast, omega, WAVES), said)
 
 
 def _sheet(table: Table, name: str) -> dict[str, Any]:
@@ -257,8 +283,9 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         return
     bode = with_legend(stability_figures.bode(subject))
     said = ["Bode magnitude from the speed ahead to the vehicle's own."]
+    said += ["Dashed: from the leader to the last."] if len(vehicles) > 1 else []
     said.append(on_stability.about_bode(uncertainty))
-    said += [on_stability.MEASURED] if stability_figures.measured_of(subject) else []
+    said += [MEASURED] if stability_figures.measured_of(subject) else []
     yield Picture("bode", bode, " ".join(said))
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
@@ -296,13 +323,13 @@ def platoon_pictures(
     shades = " Light to dark: first to last follower." if len(vehicles) == 1 else ""
     dashed = " Dashed: by the linearisation." if run.linear else ""
     amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
+    who = f"The {len(order)} followers in their order"
+    if len(vehicles) == 1:
+        who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
     pictures = (
         Picture("platoon", profiles, f"Speeds and gaps.{shades}{dashed}"),
         Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
     )
-    who = f"The {len(order)} followers in their order"
-    if len(vehicles) == 1:
-        who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
     return run, cast, pictures, who
 
 

@@ -19,6 +19,7 @@ from accpinn.methods.estimate import SPEEDS, Estimate, Span
 from accpinn.methods.registry import title_of as title_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, value_of
+from accpinn.results import marks
 from accpinn.results.description import (
     FIXED,
     LEAST,
@@ -134,7 +135,7 @@ def cell_of(value: Value) -> Cell:
     cell = span.value if isnan(span.lower) else span
     if isnan(span.value) or not note:
         return cell
-    return Marked(cell, note, "†" if note == LEAST else "*")
+    return Marked(cell, note, (marks.LEAST if note == LEAST else marks.EXTRAPOLATED).glyph)
 
 
 @view

@@ -13,6 +13,7 @@ from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import PlatoonRun
+from accpinn.results.marks import AGAINST
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -135,7 +136,8 @@ def _posterior(
     if shares is not None:
         yield Column.chance(PROBABILITY, group), percent_cells(shares)
         words = [assessment(share) for share in shares]
-        marked = (Marked(word, why) if why else word for word, why in zip_longest(words, against))
+        pairs = zip_longest(words, against)
+        marked = (Marked(word, why, AGAINST.glyph) if why else word for word, why in pairs)
         yield Column(VERDICT, group=group), marked
 
 

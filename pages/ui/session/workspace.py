@@ -25,6 +25,7 @@ from accpinn.study.result import Result
 from accpinn.study.run import analysis_of
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.study.store import Entry
+from accpinn.study.verification import Verification
 from accpinn.tasks import (
     Part,
     Task,
@@ -33,6 +34,7 @@ from accpinn.tasks import (
     series_task,
     starts_task,
     training_task,
+    verification_task,
 )
 from pages.ui.session import resources
 from pages.ui.session.pending import Pending
@@ -104,6 +106,8 @@ class Workspace:
     """Car-following models on the recording's windows."""
     cars: dict[int, Task[Result]] = field(default_factory=dict)
     """Followers estimated alone, by their numbers in the open recording."""
+    verifications: dict[str, Task[Verification]] = field(default_factory=dict)
+    """Of snapshots, by their short names."""
     restored: Result | None = None
     """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
@@ -416,6 +420,11 @@ class Workspace:
         self.cars[vehicle] = self._submit(task)
         self.choose_source("several")
 
+    def verify(self, snapshot: Result, recording: Recording | None) -> None:
+        """Queue the verification of a snapshot, also against its recording where that is given."""
+        task = verification_task(self.id, snapshot, recording, resources.library())
+        self.verifications[snapshot.id] = self._submit(task)
+
     def _submit(self, task: Task[Found]) -> Task[Found]:
         """Queue a task; all sessions of a user take turns with others as one."""
         return resources.task_queue().submit(task, self.owner or self.key)
@@ -494,7 +503,8 @@ class Workspace:
     def tasks(self) -> tuple[Task[Any], ...]:
         """All that were asked for."""
         others = (self.reproduction,) if self.reproduction else ()
-        return (*self._of_segment, *self.cars.values(), *others)
+        verifying = self.verifications.values()
+        return (*self._of_segment, *self.cars.values(), *others, *verifying)
 
     @property
     def _of_segment(self) -> tuple[Task[Any], ...]:
