@@ -6,6 +6,7 @@ from itertools import zip_longest
 from math import nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS
 from accpinn.inference.gain_check import GainCheck
@@ -36,6 +37,7 @@ ABOVE = Column("Amplified above", FREQUENCY.unit, FREQUENCY.digits, L2)
 BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
 STABLE, EXACT = Column("Criterion", group=L2), Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
+GAIN_ALONE = Column.of(LINF_GAIN, key="linf_gain")
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
 
@@ -104,6 +106,64 @@ def verdict_table(subject: KnownVehicles) -> Table:
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
+
+
+def modes_table(subject: KnownVehicles) -> Table:
+    """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
+    known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
+    gains = [vehicle.linf_gain for vehicle in report]
+    return Table.of(
+        f"Poles and responses, {subject.vehicles.title}",
+        [
+            (Column("Vehicle"), subject.vehicles.labels),
+            (Column("Rightmost pole", "rad/s"), [_pole(found.poles) for found in modes]),
+            (Column("ζ", "", 2, key="damping_ratio"), [found.damping_ratio for found in modes]),
+            (
+                Column("ωₙ", "rad/s", 3, key="natural_frequency"),
+                [found.natural_frequency for found in modes],
+            ),
+            (Column("Overshoot", "%", 0), [100 * vehicle.overshoot for vehicle in report]),
+            (Column("Settling, 2 %", "s", 1, key="settling"), [found.settling for found in modes]),
+            (GAIN_ALONE, _with_ends(gains, known.linf_gain if known else None)),
+        ],
+    )
+
+
+def _pole(poles: NDArray[np.complex128]) -> str | None:
+    """The rightmost pole, or pair."""
+    if not len(poles):
+        return None
+    first = complex(poles[0])
+    return f"{first.real:.3f}" + f" ± {abs(first.imag):.3f}j" * bool(first.imag)
+
+
+def margin_table(subject: KnownVehicles) -> Table:
+    """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
+    found = subject.margins
+    rows = [*found.vehicles]
+    labels = [*subject.vehicles.labels] + ["Leader to last follower"] * bool(found.platoon)
+    filled: list[Filled] = [
+        (Column("Vehicle"), labels),
+        (
+            Column("Time gap", "s", 2),
+            [*(v.time_gap for v in rows), *([None] if found.platoon else [])],
+        ),
+    ]
+    for group, norms in ((L2, [v.l2 for v in rows]), (LINF, [v.linf for v in rows])):
+        smallest: list[Cell] = [norm.smallest for norm in norms]
+        distance: list[Cell] = [
+            norm.distance if np.isfinite(norm.distance.value) else norm.state.value
+            for norm in norms
+        ]
+        if found.platoon:
+            smallest.append(None)
+            is_known = group == L2 and np.isfinite(found.platoon.value)
+            distance.append(found.platoon if is_known else None)
+        filled += [
+            (Column("Smallest", "s", 2, group), smallest),
+            (Column("Margin", "s", 2, group), distance),
+        ]
+    return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:

@@ -40,7 +40,8 @@ EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
 """Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
 and when the table came to the page, and the vehicles shown last."""
 OF_VEHICLES = (
-    "stability_held", "stability_measured", "stability_speed", "laboratory_frequency",
+    "stability_held", "stability_measured", "stability_speed", "stability_impulse",
+    "laboratory_frequency",
     "laboratory_platoon", "platoon_vehicle", "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
