@@ -32,6 +32,7 @@ import numpy as np
 from accpinn.display import Displayed
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
+    MARGINAL,
     RESOLVED,
     exact_margin,
     l2_margin,
@@ -201,7 +202,8 @@ def l2_headways(parameters: Parameters) -> Headways:
             smallest[rows], largest[rows] = limits(flat[rows])
     bare = np.flatnonzero(alpha == 0)
     if bare.size:
-        smallest[bare] = np.where(l2_margin(flat[bare]) >= 0, 0.0, np.inf)
+        stable = (l2_margin(flat[bare]) >= -MARGINAL) | (flat.beta[bare] == 0)
+        smallest[bare] = np.where(stable, 0.0, np.inf)
     return Headways(smallest, largest)
 
 
@@ -313,7 +315,8 @@ def _is_stable(parameters: Parameters, total: FloatArray) -> Mask:
     square = (total**2 + np.sqrt(total**4 + 4.0 * alpha**2)) / 2.0
     for _ in range(PHASES):  # x² (1 + λ²x) - C²x - α² rises beyond its root
         excess = square**2 * (1.0 + lag**2 * square) - total**2 * square - alpha**2
-        square = square - excess / (2.0 * square + 3.0 * lag**2 * square**2 - total**2)
+        slope = 2.0 * square + 3.0 * lag**2 * square**2 - total**2
+        square = square - excess / np.where(slope > 0, slope, 1.0)
     omega = np.sqrt(square)
     turn = omega * delay
     behind = 2.0 * np.arctan2(turn / 2.0, 1.0 - turn**2 / 12.0) + np.arctan(lag * omega)
@@ -329,7 +332,8 @@ def linf_headways(parameters: Parameters, l2: Headways) -> FloatArray:
     smallest = np.where(flat.beta < 0, np.inf, smallest_headway_exact(flat))
     bare = np.flatnonzero(flat.alpha == 0)
     if bare.size:
-        smallest[bare] = np.where(exact_margin(flat[bare]) >= 0, 0.0, np.inf)
+        stable = (exact_margin(flat[bare]) >= 0) | (flat.beta[bare] == 0)
+        smallest[bare] = np.where(stable, 0.0, np.inf)
     late = np.flatnonzero((flat.alpha > 0) & ((flat.lag > 0) | (flat.delay > 0)))
     if late.size:
         limits = Headways(l2.smallest[late], l2.largest[late])
@@ -529,7 +533,7 @@ def _platoon_distance(parameters: Parameters) -> FloatArray:
     It is -inf where no change within `CHANGES` is enough, and inf where any is.
     """
     alpha, beta, tau, _, lag, delay = np.moveaxis(parameters.complete, -1, 0)
-    tau = np.where(alpha > 0, tau, 0.0)
+    tau, silent = np.where(alpha > 0, tau, 0.0), (alpha == 0) & (beta == 0)
     top = BEYOND * np.sqrt(beta**2 + 2.0 * alpha).max(axis=1)
     slow = np.sqrt(np.where(alpha > 0, alpha, np.inf)).min(axis=1)
     slow = np.minimum(np.where(np.isfinite(slow), slow, 1.0), top)
@@ -547,9 +551,10 @@ def _platoon_distance(parameters: Parameters) -> FloatArray:
         total = alpha * np.maximum(tau + change[:, None], 0.0) + beta
         rest = inertia - 2.0 * total[..., None] * g + total[..., None] ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            lost = np.log1p(np.maximum(x * rest / upper, -1.0 + 1e-12)).sum(axis=1)
+            each = np.log1p(np.maximum(x * rest / upper, -1.0 + 1e-12))
+        lost = np.where(silent[..., None], np.inf, each).sum(axis=1)
         decays = _is_stable(parameters.flat, total.ravel()).reshape(total.shape)
-        decays |= (lag == 0) & (delay == 0) & (total > 0)
+        decays |= silent | ((lag == 0) & (delay == 0) & (total > 0))
         return np.asarray((lost >= 0).all(axis=1) & decays.all(axis=1))
 
     count = len(alpha)

@@ -33,8 +33,8 @@ AXES: dict[Plane, tuple[int, int]] = {"beta": (1, 2), "alpha": (0, 2), "gains": 
 """The place in `Parameters.complete` of what is across and up in a plane."""
 COLUMNS, LATE_COLUMNS = 240, 80
 """Columns of a plane without a lag or a delay, and with one."""
-ROWS = 32
-"""Rows of the coarse grid, of which every second one for L∞."""
+ROWS, LINF_ROWS = 32, 18
+"""Rows of the coarse grid by each norm."""
 HALVINGS, LINF_HALVINGS = 12, 7
 """Bisections of an end by each norm: to less than a pixel."""
 
@@ -108,14 +108,17 @@ def _late(
             stable[rows] = exact_margin(_at(vehicle, plane, x[rows], y[rows])) >= 0
         return stable
 
-    up = np.linspace(top / ROWS, top, ROWS)
+    up = np.tile(np.linspace(top / ROWS, top, ROWS), (len(across), 1))
     if plane == "gains":
         l2 = _ends(is_l2, across, up, HALVINGS)
     else:
         least, most = l2_headways(_at(vehicle, plane, across, across))
         l2 = Limits(np.where(np.isfinite(least), least, np.nan), most)
-    few = across[1::2]
-    linf = _ends(is_linf, few, up[1::2], LINF_HALVINGS)
+    # Where L₂ is, and most closely where it begins.
+    few, begin, end = across[1::2], l2.lower[1::2], np.minimum(l2.upper[1::2], top)
+    shares = np.linspace(0.0, 1.0, LINF_ROWS) ** 1.5
+    inside = begin[:, None] + (end - begin)[:, None] * shares
+    linf = _ends(is_linf, few, np.nan_to_num(inside), LINF_HALVINGS)
     lower, upper = (_spread(across, few, of) for of in (linf.lower, linf.upper))
     lower = np.maximum(lower, l2.lower)
     return _frozen(l2), _frozen(Limits(lower, np.minimum(upper, l2.upper)))
@@ -136,17 +139,21 @@ def _ends(
     is_stable: Callable[[FloatArray, FloatArray], Mask], across: FloatArray, up: FloatArray,
     halvings: int,
 ) -> Limits:  # fmt: skip
-    """The first interval of stable values of each column, its ends found by bisection."""
-    count, rows = len(across), len(up)
-    grid = is_stable(np.repeat(across, rows), np.tile(up, count)).reshape(count, rows)
+    """The first interval of stable values of each column, its ends found by bisection.
+
+    The coarse grid ``up`` (K, R) has the rows of each column (K,).
+    """
+    count, rows = up.shape
+    grid = is_stable(np.repeat(across, rows), up.ravel()).reshape(count, rows)
     exists, first = np.asarray(grid.any(axis=1)), grid.argmax(axis=1)
     after = ~grid & (np.arange(rows) > first[:, None])
     ends = np.asarray(after.any(axis=1))
     last = np.where(ends, after.argmax(axis=1), rows) - 1
-    below = np.where(first > 0, up[np.maximum(first - 1, 0)], 0.0)
-    lower = _bisected(is_stable, across, below, up[first], exists, halvings)
-    beyond = up[np.minimum(last + 1, rows - 1)]
-    upper = _bisected(is_stable, across, beyond, up[last], exists & ends, halvings)
+    at = np.arange(count)
+    below = np.where(first > 0, up[at, np.maximum(first - 1, 0)], 0.0)
+    lower = _bisected(is_stable, across, below, up[at, first], exists, halvings)
+    beyond = up[at, np.minimum(last + 1, rows - 1)]
+    upper = _bisected(is_stable, across, beyond, up[at, last], exists & ends, halvings)
     lower = np.where(exists, lower, np.nan)
     upper = np.where(exists & ends, upper, np.where(exists, np.inf, np.nan))
     return Limits(lower, upper)

@@ -213,7 +213,9 @@ def _show_modes(workspace: Workspace, source: KnownVehicles) -> None:
         show.chart(control.impulse_response(source, k, height), "stability_impulse_response")
     table = tables.modes_table(source)
     show.table(table, figures.colours(chosen))
-    show.caption("Crosses: poles; rings: zeros. ‖h‖₁ is the shaded area.", words.POLES)
+    show.caption(
+        "Crosses: poles; rings: zeros. Grey band: ±2 %. ‖h‖₁ is the shaded area.", words.POLES
+    )
     show.downloads(table, f"poles_{chosen.title}".lower(), "poles")
 
 

@@ -49,6 +49,8 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     decisive = [float(abs(pole)) for m in every for pole in m.poles[:2] if np.isfinite(pole)]
     slow = max((float(m.natural_frequency) for m in every if m.natural_frequency > 0), default=0.3)
     radius = 1.25 * min(max([*decisive, 0.1]), MOST_RADII * slow)
+    upper = [abs(m.poles[0].imag) for m in every if len(m.poles)]
+    height_seen = max(1.25 * max(upper, default=0.0), 0.4 * radius)
     chart.area("x", 0.0, radius, L2_UNSTABLE)
     chart.level("x", 0.0, LIMIT, "below")
     chart.level("y", 0.0, {"color": style.GRID, "width": 1}, "below")
@@ -56,7 +58,7 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
         reach = 1.5 * radius
         x, y = -ratio * reach, (1.0 - ratio**2) ** 0.5 * reach
         chart.add([x, 0.0, x], [y, 0.0, -y], mode="lines", hoverinfo="skip", showlegend=False,
-                  line={"color": style.GRID, "width": 1, "dash": "dot"})  # fmt: skip
+                  line={"color": style.LEADER, "width": 1, "dash": "dot"})  # fmt: skip
     if subject.uncertainty:
         draws = subject.uncertainty.draws
         rows = np.linspace(0, len(draws.alpha) - 1, CLOUD // 2).astype(int)
@@ -70,16 +72,17 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
             )
     for k, (label, colour, found) in enumerate(zip(vehicles.labels, paints, every, strict=True)):
         for at, what, symbol, size in (
-            (found.poles, "pole", "x", 9), (found.zeros, "zero", "circle-open", 10),
+            (found.poles, "pole", "x-thin", 9), (found.zeros, "zero", "circle-open", 10),
         ):  # fmt: skip
             chart.dots(
                 at.real, at.imag, f"{label}, {what}", customdata=[k] * len(at),
                 hover=f"{what} %{{x:.4f}} %{{y:+.4f}}j rad/s<extra>{html.escape(label)}</extra>",
-                marker={"symbol": symbol, "size": size, "color": colour, "line": {"width": 2}},
+                marker={"symbol": symbol, "size": size, "color": colour,
+                        "line": {"width": 2.5, "color": colour}},
             )  # fmt: skip
     chart.words("unstable", 0.985, 0.985)
     chart.axis("x", "Real part [rad/s]", range=[-radius, 0.22 * radius])
-    chart.axis("y", "Imaginary part [rad/s]", range=[-0.62 * radius, 0.62 * radius])
+    chart.axis("y", "Imaginary part [rad/s]", range=[-height_seen, height_seen])
     return chart.figure()
 
 
@@ -164,24 +167,19 @@ def margin_forest(subject: KnownVehicles) -> go.Figure:
     for (name, norm), (symbol, shift) in zip(
         points.items(), (("circle", 0.13), ("diamond", -0.13)), strict=True
     ):
-        shown = [k for k, (distance, _) in enumerate(norm) if not isnan(distance.value)]
-        values = np.array([norm[k][0].value for k in shown])
-        lower, upper = (
-            np.clip(np.where(np.isnan(ends), values, ends), low, high)
-            for ends in (
-                np.array([norm[k][0].lower for k in shown]),
-                np.array([norm[k][0].upper for k in shown]),
-            )
-        )
-        symbols = np.where(values < low, "triangle-left", symbol)
-        symbols = np.where(values > high, "triangle-right", symbols)
-        painted = [paints[k] for k in shown]
-        chart.dots(
-            np.clip(values, low, high), [last - k + shift for k in shown], name, along="x",
-            hover="%{text}<extra></extra>", ends=(lower, upper), bar={"thickness": 2},
-            text=[f"{name}: {_said(norm[k][0])}{norm[k][1]}" for k in shown], customdata=shown,
-            marker={"symbol": symbols.tolist(), "size": 11, "color": painted},
-        )  # fmt: skip
+        for k, (distance, state) in enumerate(norm):
+            value = distance.value
+            if isnan(value):
+                continue
+            ends = np.array([[distance.lower], [distance.upper]])
+            lower, upper = np.clip(np.where(np.isnan(ends), value, ends), low, high)
+            off = "triangle-left" if value < low else "triangle-right" if value > high else symbol
+            chart.dots(
+                np.clip([value], low, high), [last - k + shift], f"{rows[k]}, {name}", along="x",
+                hover="%{text}<extra></extra>", text=[f"{name}: {_said(distance)}{state}"],
+                ends=(lower, upper), bar={"thickness": 2, "color": paints[k]}, customdata=[k],
+                marker={"symbol": off, "size": 11, "color": paints[k]},
+            )  # fmt: skip
     names = [MAKE_END.sub("<br>", html.escape(row), count=1) for row in rows]
     chart.axis("x", "Time gap beyond the smallest stable one [s]", range=[low, high])
     chart.axis("y", tickvals=[*range(len(rows))][::-1], ticktext=names, showgrid=False,

@@ -66,6 +66,8 @@ BAND_POINTS = 120
 """Points of a band along the frequencies."""
 PAPER_TOP = 4.2
 """Top of the paper's Bode plots in dB, above every peak of its Table III."""
+LEAST_SEEN = 0.08
+"""Share of a map's height that a region takes, at least, so that its name is written there."""
 LEAST_PEAK = 4.0
 """Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
@@ -295,8 +297,7 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
         chart.axis(name, heading, range=[0, end])
     is_along_alpha = plane == "alpha"
     chart.words("L₂ unstable", 0.985 if is_along_alpha else 0.015, 0.015)  # beside the hatching
-    if np.isfinite(region.linf.lower).any():
-        chart.words("L∞ stable", 0.985, 0.985)
+    _name_stable(chart, region, right, top)
     chart.words(
         f"with {held_text(kept, plane)} of {html.escape(vehicles.labels[held])}", 0.0, 1.0,
         yanchor="bottom",
@@ -304,11 +305,26 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
     return chart.figure()
 
 
+def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -> None:
+    """Write what is stable into the widest column of the region that is seen."""
+    for limits, text in ((region.linf, "L∞ stable"), (region.l2, "L₂ stable")):
+        seen = np.minimum(limits.upper, top) - limits.lower
+        if np.nanmax(np.append(seen, 0.0)) > LEAST_SEEN * top:
+            k = int(np.nanargmax(seen))
+            chart.words(
+                text, float(np.clip(region.across[k], 0.08 * right, 0.92 * right)),
+                float(limits.lower[k] + 0.6 * seen[k]), xref="x", yref="y", xanchor="center",
+                yanchor="middle",
+            )  # fmt: skip
+            return
+
+
 def held_text(vehicle: Parameters, plane: Plane) -> str:
     """What a map keeps of a vehicle, as "α 0.073, d 0.55 s"."""
     third = ({0, 1, 2} - {*AXES[plane]}).pop()
     quantity = QUANTITIES[third]
-    parts = [f"{quantity.symbol} {vehicle.complete[third]:.3g} {quantity.unit}"]
+    unit = f" {quantity.unit}" if quantity is TAU else ""
+    parts = [f"{quantity.symbol} {vehicle.complete[third]:.3g}{unit}"]
     terms = (("s₀", vehicle.s0, "m"), ("λ", vehicle.lag, "s"), ("d", vehicle.delay, "s"))
     return ", ".join(
         [*parts, *(f"{name} {value:.2g} {unit}" for name, value, unit in terms if value)]
@@ -343,11 +359,12 @@ def _draw_regions(chart: style.Chart, region: Region, top: float) -> None:
         (np.full_like(paper, roof), {"fillcolor": L2_UNSTABLE}),
     ]
     # Where the paper's criterion holds and the exact one does not, below what is stable.
-    begin = np.minimum(paper, linf[0])
-    if (begin < linf[0]).any():
+    end = np.where(np.isnan(region.linf.lower), roof, linf[0])
+    begin = np.minimum(paper, end)
+    if (begin < end).any():
         hatching = {"shape": "/", "fgcolor": PAPER, "bgcolor": style.CLEAR, "size": 9,
                     "solidity": 0.12}  # fmt: skip
-        layers += [(begin, {}), (linf[0], {"fillcolor": style.CLEAR, "fillpattern": hatching})]
+        layers += [(begin, {}), (end, {"fillcolor": style.CLEAR, "fillpattern": hatching})]
     for values, look in layers:
         chart.add(region.across, values, mode="lines", line={"width": 0}, hoverinfo="skip",
                   showlegend=False, fill="tonexty" if look else None, **look)  # fmt: skip

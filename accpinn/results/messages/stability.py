@@ -170,7 +170,8 @@ def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
 
 def reason(verdict: Verdict, vehicle: VehicleStability) -> str:
     """The reason for a verdict on a vehicle, in one sentence."""
-    if vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
+    without = vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION)
+    if without and verdict.stable:  # with a delay disturbances may grow without gap control, too
         return str(vehicle.behaviour.value)
     if verdict.criterion is Criterion.L2:
         return _l2(vehicle)

@@ -160,7 +160,7 @@ def margin_table(subject: KnownVehicles) -> Table:
             is_known = group == L2 and np.isfinite(found.platoon.value)
             distance.append(found.platoon if is_known else None)
         filled += [
-            (Column("Smallest", "s", 2, group), smallest),
+            (Column("Smallest stable", "s", 2, group), smallest),
             (Column("Margin", "s", 2, group), distance),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
