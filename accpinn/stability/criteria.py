@@ -101,7 +101,6 @@ def checked(parameters: Parameters) -> Parameters:
         fault = _fault(PARAMETERS[column].symbol, values[row, column])
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
-    complete[(values[:, :2] == 0.0).all(axis=1), 4:] = 0.0
     # Near its free speed a model's linearisation has a steep gap and an intercept far below zero.
     intercept = COMPUTABLE if parameters.own.size else LARGEST_TERM
     terms, least = complete[:, 3:], np.array([-intercept, 0.0, 0.0])
@@ -115,6 +114,7 @@ def checked(parameters: Parameters) -> Parameters:
             f"A gain or headway of {values.max():g} with a lag or a delay is beyond any vehicle;"
             " give α in 1/s², β in 1/s, τ in s."
         )
+    complete[(values[:, :2] == 0.0).all(axis=1), 4:] = 0.0
     return Parameters.of(complete.reshape(parameters.complete.shape))
 
 

@@ -55,13 +55,17 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     page = open_page("Stability", with_example())
     said = page.plain()
     assert GIVEN_PARAMETERS in said
-    said = page.open_tab("stability", "Why").plain()
+    said = page.open_tab("stability", "Numbers").plain()
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 3
+    assert len(page.figures()) == 3
+    assert len(page.open_tab("stability", "Poles and responses").figures()) == 5
+    page.choose("stability_impulse", 1)
+    gain = stability_report(ASTAZERO.parameters).vehicles[1].linf_gain
+    assert f"<b>{gain:.3f}</b>" in page.figures()[4]["layout"]["annotations"][0]["text"]
 
-    page.open_tab("stability", "Map")
+    page.open_tab("stability", "Region")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
     assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
