@@ -245,7 +245,7 @@ def _show_margin(source: KnownVehicles) -> None:
     show.chart(control.margin_forest(source), "stability_margins")
     table = tables.margin_table(source)
     show.table(table, (*figures.colours(chosen), LEADER)[: len(table.rows)])
-    show.caption(words.about_margin(source), words.MARGIN)
+    show.caption(f"{words.MARGIN_MARKS} {words.about_margin(source)}", words.MARGIN)
     show.downloads(table, f"margin_{chosen.title}".lower(), "margin")
 
 

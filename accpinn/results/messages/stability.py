@@ -120,8 +120,8 @@ def about_margin(subject: KnownVehicles) -> str:
     low, high = round(float(speeds.min())), round(float(speeds.max()))
     at = f"{low} km/h" if low == high else f"{low} to {high} km/h"
     level = subject.margins.level
-    bars = f"; bars: {percent(level)} intervals" if level else ""
-    return f"At {at}, all else kept. Circles: L₂; diamonds: exact L∞{bars}."
+    bars = f" In brackets: {percent(level)} intervals." if level else ""
+    return f"At {at}, all else kept.{bars}"
 
 
 MARGIN = (
@@ -132,6 +132,7 @@ MARGIN = (
     " that grow by less than .02 % count as stable by L∞."
 )
 """What a margin is."""
+MARGIN_MARKS = "Circles: L₂; diamonds: exact L∞."
 POLES = (
     "Crosses: poles, with a delay those of the exact equation; rings: zeros; dots: rightmost poles"
     " of posterior samples; dotted: damping ratios .4 and .7. Faster poles lie left of the picture."

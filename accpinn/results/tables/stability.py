@@ -28,7 +28,7 @@ from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Quantity
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
 PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
@@ -90,6 +90,11 @@ def stability_table(
     )
 
 
+def verdicts_part(table: Table) -> Table:
+    """A `stability_table` without smallest headways, where a `margin_table` stands beside it."""
+    return table.only(lambda column: column.group != HEADWAY)
+
+
 def criteria_part(table: Table) -> Table:
     """A `stability_table` without α, β and τ, where these stand elsewhere."""
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
@@ -140,30 +145,35 @@ def _pole(poles: NDArray[np.complex128]) -> str | None:
 def margin_table(subject: KnownVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
     found = subject.margins
-    rows = [*found.vehicles]
-    labels = [*subject.vehicles.labels] + ["Leader to last follower"] * bool(found.platoon)
+    rows, platoon = [*found.vehicles], found.platoon
+    more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
-        (Column("Vehicle"), labels),
-        (
-            Column("Time gap", "s", 2),
-            [*(v.time_gap for v in rows), *([None] if found.platoon else [])],
-        ),
+        (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
+        (Column("Time gap", "s", 2), [*(_plain(row.time_gap) for row in rows), *more]),
     ]
-    for group, norms in ((L2, [v.l2 for v in rows]), (LINF, [v.linf for v in rows])):
-        smallest: list[Cell] = [norm.smallest for norm in norms]
-        distance: list[Cell] = [
-            norm.distance if np.isfinite(norm.distance.value) else norm.state.value
+    for group, norms in ((L2, [row.l2 for row in rows]), (LINF, [row.linf for row in rows])):
+        margins: list[Cell] = [
+            _plain(norm.distance) if np.isfinite(norm.distance.value) else norm.state.value
             for norm in norms
         ]
-        if found.platoon:
-            smallest.append(None)
-            is_known = group == L2 and np.isfinite(found.platoon.value)
-            distance.append(found.platoon if is_known else None)
+        if platoon:
+            is_known = group == L2 and np.isfinite(platoon.value)
+            margins.append(_plain(platoon) if is_known else None)
         filled += [
-            (Column("Smallest stable", "s", 2, group), smallest),
-            (Column("Margin", "s", 2, group), distance),
+            (
+                Column("Smallest stable", "s", 2, group),
+                [*(_plain(norm.smallest) for norm in norms), *more],
+            ),
+            (Column("Margin", "s", 2, group), margins),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
+
+
+def _plain(value: Quantity) -> Cell:
+    """A value with its interval, or alone where it is that of a point, or infinite."""
+    if np.isinf(value.value):
+        return None
+    return value.value if np.isnan(value.lower) else value
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:
