@@ -86,10 +86,11 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
 
 
 def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
-    """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
+    """What stands behind the sentence above the pictures, and what it assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
-    said = words.headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
-    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+    st.markdown(f"##### {escape_markdown(source.origin)}")
+    if said := words.behind_verdict(source):
+        st.markdown(escape_markdown(said))
     if len(chosen) > 1:
         platoon = report.platoon
         verdicts = (

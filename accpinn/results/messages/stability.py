@@ -337,6 +337,14 @@ def headline(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
+def behind_verdict(subject: KnownVehicles) -> str:
+    """Probabilities of the verdict, what the measured gain has against it, and who drives."""
+    known, chosen = subject.uncertainty, subject.vehicles
+    against = (objection.sentence for objection in against_model(subject))
+    said = (probabilities(chosen, known) if known else "", *against, not_acc(chosen))
+    return " ".join(filter(None, said))
+
+
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
