@@ -33,6 +33,8 @@ AXES: dict[Plane, tuple[int, int]] = {"beta": (1, 2), "alpha": (0, 2), "gains": 
 """The place in `Parameters.complete` of what is across and up in a plane."""
 COLUMNS, LATE_COLUMNS = 240, 80
 """Columns of a plane without a lag or a delay, and with one."""
+LEAST = 1e-3
+"""The first column, as a share of the last; nothing is known at zero."""
 ROWS, LINF_ROWS = 32, 18
 """Rows of the coarse grid by each norm."""
 HALVINGS, LINF_HALVINGS = 12, 7
@@ -67,7 +69,7 @@ def stable_region(vehicle: Parameters, plane: Plane, right: float, top: float) -
     """The stable region in a plane up to ``right`` and ``top``, with all else that of a vehicle."""
     late = is_lagged(vehicle)
     count = LATE_COLUMNS if late else COLUMNS
-    across, none = np.linspace(right / count, right, count), np.full(count, np.inf)
+    across, none = np.linspace(LEAST * right, right, count), np.full(count, np.inf)
     tau = vehicle.tau
     if plane == "gains":
         paper = np.maximum(2.0 * np.sqrt(across) - across * tau, 0.0)

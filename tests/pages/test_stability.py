@@ -1,6 +1,7 @@
 """The pages Stability and Platoon without a browser: source, verdicts, orders, disturbances."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite, pi
 from typing import Any
@@ -11,6 +12,7 @@ from accpinn import Library, Parameters, Result, stability_report
 from accpinn.errors import AccpinnError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import PresetName
+from accpinn.model.cthp import Case
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window, files
@@ -18,7 +20,7 @@ from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.estimate import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.tables.stability import verdict_table
+from accpinn.results.tables.stability import margin_table, verdict_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.tasks import Task
@@ -26,6 +28,7 @@ from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
+from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -225,6 +228,52 @@ def test_vehicles_of_one_name_are_told_apart() -> None:
     for vehicle in (1, 0):
         page.choose("platoon_vehicle", vehicle)
         assert session.choices["platoon_vehicle"] == vehicle
+
+
+# In every state
+
+
+TABS = ("Numbers", "Poles and responses", "Region", "Margin", "Measured")
+ODD = (("undamped", 0.1, 0.0, 0.0), ("bare", 0.0, 0.3, 1.0), ("silent", 0.0, 0.0, 1.0), CALM)
+
+
+def by_hand(*rows: tuple[str, float, float, float]) -> Workspace:
+    session = sessions.workspaces().new()
+    session.chosen_source, session.choices[ROWS] = "hand", rows
+    return session
+
+
+def estimated(model: str, case: Case = "II") -> Workspace:
+    session = fitted()
+    session.choose_model(model)
+    train_at_once(session, case)
+    return session
+
+
+STATES: dict[str, Callable[[], Workspace]] = {
+    "odd by hand": lambda: by_hand(*ODD),
+    "one by hand": lambda: by_hand(CALM),
+    "eight by hand": lambda: by_hand(*[(f"car {k}", 0.08, 0.1 * k, 1.2) for k in range(1, 9)]),
+    "with a lag": lambda: estimated("cthp-s0-lag"),
+    "nonlinear": lambda: estimated("idm"),
+    "shared parameters": lambda: estimated("cthp-s0-delay", "I"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_every_tab_is_drawn_in_every_state(state: str) -> None:
+    session = STATES[state]()
+    page = open_page("Stability", session)
+    for tab in TABS:
+        page.open_tab("stability", tab)
+        assert not page.boxes("error")
+        if tab == "Region":
+            for plane in ("alpha", "gains"):
+                page.choose("stability_plane", plane)
+                assert not page.boxes("error")
+        if tab == "Margin":
+            source = parameters_from(session, session.parameter_source, ())
+            assert page.shows(margin_table(source))
 
 
 # From several results

@@ -25,8 +25,8 @@ from accpinn.units import Quantity, Seconds
 
 HEIGHT = 320
 """Height of poles and responses, in pixels."""
-MOST_RADII = 6.0
-"""Radius of the map of poles, in natural frequencies of the slowest of them, at most."""
+MOST_RADII = 1.3
+"""Radius of the map of poles, in natural frequencies of the fastest rightmost one, at most."""
 DAMPINGS = (0.4, 0.7)
 """Damping ratios whose rays are drawn."""
 SETTLED = 0.02
@@ -47,8 +47,8 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     chart = style.Chart("pole-map", height, hoverdistance=40)
     every = subject.modes
     decisive = [float(abs(pole)) for m in every for pole in m.poles[:2] if np.isfinite(pole)]
-    slow = max((float(m.natural_frequency) for m in every if m.natural_frequency > 0), default=0.3)
-    radius = 1.25 * min(max([*decisive, 0.1]), MOST_RADII * slow)
+    fast = max((float(m.natural_frequency) for m in every if m.natural_frequency > 0), default=0.3)
+    radius = 1.25 * min(max([*decisive, 0.1]), MOST_RADII * fast)
     upper = [abs(m.poles[0].imag) for m in every if len(m.poles)]
     height_seen = max(1.25 * max(upper, default=0.0), 0.4 * radius)
     chart.area("x", 0.0, radius, L2_UNSTABLE)
@@ -159,7 +159,7 @@ def margin_forest(subject: KnownVehicles) -> go.Figure:
         points["L₂"].append((found.platoon, "the platoon as a whole"))
     low, high = _reach([distance for norm in points.values() for distance, _ in norm])
     chart = style.Chart(
-        "margins", 78 + 46 * len(rows), margin={"l": 150, "r": 14, "t": 10, "b": 42},
+        "margins", 78 + 46 * len(rows), margin={"l": 118, "r": 14, "t": 10, "b": 42},
         hoverdistance=30,
     )  # fmt: skip
     chart.area("x", low, 0.0, L2_UNSTABLE)
@@ -181,7 +181,7 @@ def margin_forest(subject: KnownVehicles) -> go.Figure:
                 marker={"symbol": off, "size": 11, "color": paints[k]},
             )  # fmt: skip
     names = [MAKE_END.sub("<br>", html.escape(row), count=1) for row in rows]
-    chart.axis("x", "Time gap beyond the smallest stable one [s]", range=[low, high])
+    chart.axis("x", "Margin of the time gap [s]", range=[low, high])
     chart.axis("y", tickvals=[*range(len(rows))][::-1], ticktext=names, showgrid=False,
                range=[-0.6, last + 0.6])  # fmt: skip
     chart.words("unstable", 0.005, 0.995)

@@ -16,7 +16,7 @@ from accpinn.results.figures import style
 from accpinn.results.reproduction import PANELS, TEXT_PEAK, TEXT_PEAK_AT
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import StabilityReport, stability_report
-from accpinn.stability.criteria import response, smallest_headway_exact
+from accpinn.stability.criteria import response, smallest_beta_l2, smallest_headway_exact
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.margin import l2_headways
 from accpinn.stability.measured_gain import MeasuredGain
@@ -264,7 +264,7 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
     )
     kept, (first, second) = vehicles.parameters[held], AXES[plane]
     x, y = (vehicles.parameters.complete[:, place] for place in (first, second))
-    right, top = _edge(x, first), _edge(y, second, kept)
+    right, top = _edge(x, first, kept), _edge(y, second, kept)
     region = stable_region(kept, plane, right, top)
     if uncertainty:
         _draw_clouds(chart, vehicles, uncertainty, plane)
@@ -331,14 +331,16 @@ def held_text(vehicle: Parameters, plane: Plane) -> str:
     )
 
 
-def _edge(values: FloatArray, place: int, held: Parameters | None = None) -> float:
+def _edge(values: FloatArray, place: int, held: Parameters) -> float:
     """The end of a map's axis of α, β or τ: beyond all vehicles, and what the held one needs."""
-    values = values[np.isfinite(values)]
-    most = float(values.max(initial=0.0))
-    if place < 2:
-        return max(1.35 * most, (0.15, 0.6)[place])
-    needed = float(l2_headways(held[None]).smallest[0]) if held else 0.0
-    if held and not is_lagged(held) and held.alpha:
+    most = float(values[np.isfinite(values)].max(initial=0.0))
+    if place == 0:
+        return max(1.35 * most, 0.15)
+    if place == 1:
+        needed = float(smallest_beta_l2(np.array(held.alpha), held.tau)) if held.tau > 0 else 0.0
+        return max(1.35 * most, 0.6, min(1.25 * needed, 3.0 * most))
+    needed = float(l2_headways(held[None]).smallest[0])
+    if held.alpha and not is_lagged(held):
         needed = float(smallest_headway_exact(held))
     wanted = max(most, needed if np.isfinite(needed) else 0.0, 2.0)
     return float(min(1.2 * wanted, max(12.0, 1.2 * most)))

@@ -38,6 +38,8 @@ BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
 STABLE, EXACT = Column("Criterion", group=L2), Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
 GAIN_ALONE = Column.of(LINF_GAIN, key="linf_gain")
+MARGIN_DIGITS = 4
+"""Most decimals of a margin with an interval; of one that is open two less are shown."""
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
 
@@ -146,6 +148,7 @@ def margin_table(subject: KnownVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
     found = subject.margins
     rows, platoon = [*found.vehicles], found.platoon
+    digits = MARGIN_DIGITS if found.level else 2
     more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
         (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
@@ -161,10 +164,10 @@ def margin_table(subject: KnownVehicles) -> Table:
             margins.append(_plain(platoon) if is_known else None)
         filled += [
             (
-                Column("Smallest stable", "s", 2, group),
+                Column("Smallest stable", "s", digits, group),
                 [*(_plain(norm.smallest) for norm in norms), *more],
             ),
-            (Column("Margin", "s", 2, group), margins),
+            (Column("Margin", "s", digits, group), margins),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
 
