@@ -23,15 +23,22 @@ from accpinn.results.messages.platoon import (
     smallest_gap,
 )
 from accpinn.results.messages.stability import (
+    about_margin,
     against_measured,
     headline,
     platoon_reasons,
     reason,
     reasons,
 )
-from accpinn.results.tables.stability import amplitude_table, known_table
+from accpinn.results.tables.stability import (
+    amplitude_table,
+    known_table,
+    margin_table,
+    verdicts_part,
+)
 from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.stability import VehicleStability, Verdict
+from accpinn.stability.margin import VehicleMargin
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
@@ -121,6 +128,7 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
+            | {"margin": _describe_margin(subject.margins.vehicles[k], known)}
             | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
@@ -132,6 +140,7 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
             )
         ],
         "platoon": {
+            "margin": subject.margins.platoon and subject.margins.platoon.value,
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
@@ -171,12 +180,30 @@ def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
     }
 
 
+def _describe_margin(margin: VehicleMargin, known: Uncertainty | None) -> dict[str, Any]:
+    """The time gap and the margins of a vehicle in s, with intervals where draws are known.
+
+    What is infinite becomes null; the state tells why.
+    """
+    norms = {
+        name: {
+            "smallest": norm.smallest.value,
+            "margin": norm.distance.value,
+            "state": norm.state.name.lower(),
+            **({"interval": [norm.distance.lower, norm.distance.upper]} if known else {}),
+        }
+        for name, norm in (("l2", margin.l2), ("linf_exact", margin.linf))
+    }
+    return {"time_gap": margin.time_gap.value, **norms}
+
+
 def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": why}
 
 
 def _report_text(subject: KnownVehicles) -> str:
-    vehicles, lines = subject.vehicles, [known_table(subject).to_text(), ""]
+    vehicles, lines = subject.vehicles, [verdicts_part(known_table(subject)).to_text(), ""]
+    lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]
     lines += contradictions(subject.result)

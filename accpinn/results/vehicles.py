@@ -14,7 +14,7 @@ import numpy as np
 from accpinn.errors import ParameterError
 from accpinn.findings import Labelled, capital, joined
 from accpinn.inference.gain_check import LEAST, GainCheck
-from accpinn.inference.intervals import Uncertainty, from_draws, growth
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -23,6 +23,8 @@ from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.stability.margin import Margins, margins
+from accpinn.stability.modes import Modes, modes
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
 
@@ -81,6 +83,27 @@ class KnownVehicles:
         if self.uncertainty:
             return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
         return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
+
+    @cached_property
+    def margins(self) -> Margins:
+        """The time gap that separates each vehicle, and the platoon, from string stability.
+
+        It is that of `Result.margin` where the vehicles are those of one estimate.
+        """
+        known, vehicles, found = self.uncertainty, self.vehicles, self.result
+        at: MetresPerSecond | FloatArray = self.speed or self.median_speed
+        if self.speed is None and found:
+            is_cthp = found.estimate.following.is_cthp
+            at = found.estimate.stated_speed if is_cthp else found.estimate.speeds[: len(vehicles)]
+        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        return margins(
+            vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
+        )
+
+    @property
+    def modes(self) -> tuple[Modes, ...]:
+        """(M,) poles, damping and settling of each vehicle."""
+        return tuple(map(modes, self.vehicles.parameters))
 
     @property
     def median_speed(self) -> MetresPerSecond:

@@ -128,14 +128,19 @@ def take_click(
         workspace.choices[PLATOON] = int(vehicle)
 
 
+def most_amplifying(source: KnownVehicles) -> int:
+    """The index of the vehicle that amplifies most."""
+    peaks = [vehicle.peak.gain for vehicle in source.report.vehicles]
+    return int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
+
+
 def _named(omega: RadiansPerSecond) -> str:
     return f"{omega:.{DIGITS}g} rad/s"
 
 
 def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
     """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
-    labels, peaks = source.vehicles.labels, [v.peak.gain for v in source.report.vehicles]
-    usual = int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
+    labels, usual = source.vehicles.labels, most_amplifying(source)
     if len(labels) == 1:
         return usual
     names = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(labels)}

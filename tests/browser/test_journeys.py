@@ -338,7 +338,7 @@ def test_a_click_on_the_response_drives_a_platoon_and_values_by_hand_are_typed(
 
     # Back again, the frequency is not carried a second time.
     go(page, "Stability")
-    open_tab(page, "Map")
+    open_tab(page, "Region")
     expect(page).to_have_url(re.compile(r"/Stability\?session="))
     drawn = chart(page, "stability_map")
     drawn.hover()

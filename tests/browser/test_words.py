@@ -8,12 +8,13 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser.conftest import Open
-from tests.browser.running import TRAINING_MS, go, idle, upload, words
+from tests.browser.running import TRAINING_MS, go, idle, open_tab, upload, words
 
 pytestmark = pytest.mark.browser
 FOLD, PAGE = 150, 350
 """Most words on the screen of 1440 by 900 at first, and on the page."""
 REAL = os.environ.get("OPENACC_DIR")
+STABILITY_TABS = ("Poles and responses", "Region", "Margin", "Measured")
 FOUR_CARS = "AstaZero/ASta_040719_platoon5.csv"
 LONGEST_MS = 3 * TRAINING_MS
 
@@ -47,6 +48,10 @@ def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
         expect(page.locator(".js-plotly-plot").first).to_be_visible()
         idle(page)
         counts[title] = len(words(page, is_fold=True)), len(words(page))
+        for tab in STABILITY_TABS if title == "Stability" else ():
+            open_tab(page, tab)
+            idle(page)
+            counts[tab] = counts[title][0], len(words(page))
     go(page, "Snapshots")
     save = page.get_by_role("button", name="Save", exact=True)
     save.wait_for()

@@ -262,6 +262,11 @@ def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert found["crossover"] == expected.crossover
     assert found["smallest_tau"] == vars(expected.smallest_tau)
     assert all(found[name]["reason"] for name in ("l2", "linf_paper", "linf_exact"))
+    needed = TESLA.tau - expected.smallest_tau.l2
+    assert found["margin"]["l2"]["margin"] == pytest.approx(needed)
+    assert found["margin"]["l2"]["state"] == "too_short"
+    late = document(capsys, "stability", *GIVEN, "--delay", 3)["vehicles"][0]["margin"]["l2"]
+    assert (late["margin"], late["state"]) == (None, "never")
     bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
     assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
     assert main(["stability", *map(str, TWO)]) == 0

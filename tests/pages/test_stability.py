@@ -1,6 +1,7 @@
 """The pages Stability and Platoon without a browser: source, verdicts, orders, disturbances."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite, pi
 from typing import Any
@@ -12,6 +13,7 @@ from accpinn import Library, Parameters, Result, stability_report
 from accpinn.errors import AccpinnError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import PresetName
+from accpinn.model.cthp import Case
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window, files
@@ -19,7 +21,7 @@ from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.estimate import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.tables.stability import verdict_table
+from accpinn.results.tables.stability import margin_table, verdict_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.tasks import Task
@@ -27,6 +29,7 @@ from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
+from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -45,8 +48,9 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 def headline(page: Page) -> str:
-    """What the page says first, with its source."""
-    return read(next(m.value for m in page.markdown if "\n#### " in m.value))
+    """What the page says first, which begins with its source."""
+    first = (m.value for m in page.markdown if "\n#### " in m.value or m.value[:6] == "##### ")
+    return read(next(first)).removeprefix("##### ")
 
 
 CALM = ("calm", 0.05, 0.6, 1.8)
@@ -56,13 +60,17 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     page = open_page("Stability", with_example())
     said = page.plain()
     assert GIVEN_PARAMETERS in said
-    said = page.open_tab("stability", "Why").plain()
+    said = page.open_tab("stability", "Numbers").plain()
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 3
+    assert len(page.figures()) == 3
+    assert len(page.open_tab("stability", "Poles and responses").figures()) == 5
+    page.choose("stability_impulse", 1)
+    gain = stability_report(ASTAZERO.parameters).vehicles[1].linf_gain
+    assert f"<b>{gain:.3f}</b>" in page.figures()[4]["layout"]["annotations"][0]["text"]
 
-    page.open_tab("stability", "Map")
+    page.open_tab("stability", "Region")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
     assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
@@ -93,7 +101,9 @@ def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert all(label in page.plain() for label in session.segment.labels[1:])
     said = headline(page)
     assert said.startswith("Estimate: synthetic_astazero_like.csv, 0–60 s")
-    assert "probability of L₂ string stability" in said
+    assert probabilities(known_vehicles(session.result).vehicles, session.result.uncertainty) in (
+        page.plain()
+    )
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
@@ -153,7 +163,7 @@ def test_followers_that_share_their_parameters_have_one_colour() -> None:
     session = fitted()
     train_at_once(session, "I")
     page = open_page("Stability", session)
-    assert EVERY_FOLLOWER in headline(page)
+    assert EVERY_FOLLOWER in page.plain()
     curves = [trace["line"]["color"] for trace in page.figures()[0]["data"] if "line" in trace]
     assert SHARED in curves
     assert not {*curves} & {LEADER, *FOLLOWERS}
@@ -186,10 +196,10 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     page.choose("stability_source", "hand")
     session = page.workspace()
     assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52, 0.0, 0.0, 0.0),)
-    assert "Hyundai amplifies disturbances" in page.plain()
+    assert "Hyundai amplifies by" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page("Stability", session)
-    assert "Vehicle 2 amplifies disturbances by up to 38 %" in again.plain()
+    assert "Vehicle 2 amplifies most: by up to 38 %" in again.plain()
     assert "Vehicle 2" in open_page("Platoon", session).plain()
 
 
@@ -259,6 +269,52 @@ def test_vehicles_of_one_name_are_told_apart() -> None:
     for vehicle in (1, 0):
         page.choose("platoon_vehicle", vehicle)
         assert session.choices["platoon_vehicle"] == vehicle
+
+
+# In every state
+
+
+TABS = ("Numbers", "Poles and responses", "Region", "Margin", "Measured")
+ODD = (("undamped", 0.1, 0.0, 0.0), ("bare", 0.0, 0.3, 1.0), ("silent", 0.0, 0.0, 1.0), CALM)
+
+
+def by_hand(*rows: tuple[str, float, float, float]) -> Workspace:
+    session = sessions.workspaces().new()
+    session.chosen_source, session.choices[ROWS] = "hand", rows
+    return session
+
+
+def estimated(model: str, case: Case = "II") -> Workspace:
+    session = fitted()
+    session.choose_model(model)
+    train_at_once(session, case)
+    return session
+
+
+STATES: dict[str, Callable[[], Workspace]] = {
+    "odd by hand": lambda: by_hand(*ODD),
+    "one by hand": lambda: by_hand(CALM),
+    "eight by hand": lambda: by_hand(*[(f"car {k}", 0.08, 0.1 * k, 1.2) for k in range(1, 9)]),
+    "with a lag": lambda: estimated("cthp-s0-lag"),
+    "nonlinear": lambda: estimated("idm"),
+    "shared parameters": lambda: estimated("cthp-s0-delay", "I"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_every_tab_is_drawn_in_every_state(state: str) -> None:
+    session = STATES[state]()
+    page = open_page("Stability", session)
+    for tab in TABS:
+        page.open_tab("stability", tab)
+        assert not page.boxes("error")
+        if tab == "Region":
+            for plane in ("alpha", "gains"):
+                page.choose("stability_plane", plane)
+                assert not page.boxes("error")
+        if tab == "Margin":
+            source = parameters_from(session, session.parameter_source, ())
+            assert page.shows(margin_table(source))
 
 
 # From several results

@@ -17,6 +17,7 @@ from accpinn.stability import (
     VehicleStability,
     Verdict,
 )
+from accpinn.stability.margin import State
 from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
@@ -68,10 +69,77 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
         if len(chosen) > 1
         else ""
     )
+    kept = chosen.parameters[held]
+    late = " lag and delay included," if kept.lag or kept.delay else ""
     return (
-        f"Boundaries at {chosen.labels[held]}'s {parameter}; above them the vehicle is stable."
+        f"Boundaries at {chosen.labels[held]}'s {parameter},{late} stable in the green."
         f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"
     )
+
+
+def most_needed(subject: KnownVehicles) -> str:
+    """The vehicle that is farthest from string stability, or nearest to losing it, in a sentence.
+
+    By L₂, as the verdict above the pages' pictures.
+    """
+    found, spoken = subject.margins.vehicles, subject.vehicles.spoken
+    judged = [k for k, v in enumerate(found) if not isnan(v.l2.distance.value)]
+    if not judged:
+        return "The data do not determine the margins."
+    worst = min(judged, key=lambda k: found[k].l2.distance.value)
+    margin, name = found[worst].l2, spoken[worst]
+    value = margin.distance.value
+    if margin.state is State.NEVER:
+        return f"No time gap makes {name} L₂ string stable."
+    if margin.state is State.TOO_LONG:
+        return f"{capital(name)} is L₂ string stable at smaller time gaps alone."
+    if isinf(value):
+        return "The time gap has no effect on string stability."
+    if value >= 0:
+        least = f"{capital(name)} has" if len(judged) == 1 else f"All are stable, {name} with"
+        return f"{least} {_gap(margin.distance, 1)} to spare."
+    most = " most:" if len(judged) > 1 else ""
+    return (
+        f"{capital(name)} needs{most} {_gap(margin.distance, -1)} more time gap to be L₂ string"
+        " stable."
+    )
+
+
+def _gap(distance: Quantity, sign: int) -> str:
+    """A margin as a positive time in s, with its interval."""
+    value, ends = sign * distance.value, sorted((sign * distance.lower, sign * distance.upper))
+    if isnan(distance.lower):
+        return f"{value:.2f} s"
+    high = "or more" if isinf(ends[1]) else f"to {ends[1]:.2f}"
+    return f"{value:.2f} s ({ends[0]:.2f} {high})"
+
+
+def about_margin(subject: KnownVehicles) -> str:
+    """What the margins are, beside their picture."""
+    speeds = 3.6 * subject.margins.speed
+    low, high = round(float(speeds.min())), round(float(speeds.max()))
+    at = f"{low} km/h" if low == high else f"{low} to {high} km/h"
+    level = subject.margins.level
+    bars = f" In brackets: {percent(level)} intervals." if level else ""
+    return f"At {at}, all else kept.{bars}"
+
+
+MARGIN = (
+    "Margin: the vehicle's time gap τ + s₀/v minus the smallest at which it is string stable with"
+    " its own gains, s₀, lag and delay; that is τ - τ_min at every speed. A nonlinear model is"
+    " linearised at the speed. Leader to last follower: the change of all time gaps at which no"
+    " frequency is larger at the last follower than at the leader. With a lag or a delay, peaks"
+    " that grow by less than .02 % count as stable by L∞."
+)
+"""What a margin is."""
+MARGIN_MARKS = "Circles: L₂; diamonds: exact L∞."
+POLES = (
+    "Crosses: poles, with a delay those of the exact equation; rings: zeros; dots: rightmost poles"
+    " of posterior samples; dotted: damping ratios .4 and .7. Faster poles lie left of the picture."
+    " Responses have the delay's approximant, as the verdict: ∫h = 1, so ‖h‖₁ is 1 plus twice the"
+    " area below zero."
+)
+"""What poles and responses are."""
 
 
 def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
@@ -103,7 +171,8 @@ def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
 
 def reason(verdict: Verdict, vehicle: VehicleStability) -> str:
     """The reason for a verdict on a vehicle, in one sentence."""
-    if vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
+    without = vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION)
+    if without and verdict.stable:  # with a delay disturbances may grow without gap control, too
         return str(vehicle.behaviour.value)
     if verdict.criterion is Criterion.L2:
         return _l2(vehicle)
@@ -265,6 +334,14 @@ def headline(subject: KnownVehicles) -> str:
     """
     against = (objection.sentence for objection in against_model(subject))
     said = (*_verdicts(subject), *against, not_acc(subject.vehicles))
+    return " ".join(filter(None, said))
+
+
+def behind_verdict(subject: KnownVehicles) -> str:
+    """Probabilities of the verdict, what the measured gain has against it, and who drives."""
+    known, chosen = subject.uncertainty, subject.vehicles
+    against = (objection.sentence for objection in against_model(subject))
+    said = (probabilities(chosen, known) if known else "", *against, not_acc(chosen))
     return " ".join(filter(None, said))
 
 

@@ -62,7 +62,6 @@ from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
-from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import PROMPT, Verification, verify
@@ -290,8 +289,6 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
         yield Picture("criteria", with_legend(chart), on_stability.CRITERIA)
-    if is_lagged(vehicles.parameters):
-        return
     held = len(vehicles) - 1
     chart = stability_figures.stability_map(subject, held, "beta")
     about = on_stability.about_map(vehicles, held)

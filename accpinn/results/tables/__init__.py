@@ -199,7 +199,8 @@ class Column:
             return self.shown(cell.value), FIXED
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, said=None)._range(Range(cell.lower, cell.upper))
-        return column.shown(cell.value), ends if ends.startswith("-") else ends.replace(" to ", "–")
+        is_plain = math.isfinite(cell.upper - cell.lower) and not ends.startswith("-")
+        return column.shown(cell.value), ends.replace(" to ", "–") if is_plain else ends
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)

@@ -53,7 +53,8 @@ Row = tuple[Any, ...]
 """A vehicle by hand: its name, its parameters with all digits, and for a model that is no CTHP the
 speed at which it is linearised; an empty cell is None or nan."""
 OF_VEHICLES = (
-    "stability_held", "stability_measured", "stability_speed", "laboratory_frequency",
+    "stability_held", "stability_measured", "stability_speed", "stability_impulse",
+    "laboratory_frequency",
     "laboratory_platoon", "platoon_vehicle", "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""

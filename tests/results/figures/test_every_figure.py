@@ -26,7 +26,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
-from accpinn.results.figures import animation, comparison, database, laboratory, platoon
+from accpinn.results.figures import animation, comparison, control, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -54,6 +54,7 @@ WITHOUT_UNIT = {
     "Gain",
     "Coherence",
     "Correlation",
+    "Step response of the speed",
 }
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
@@ -111,6 +112,10 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
+    "control.pole_map": lambda: control.pole_map(known_vehicles(known())),
+    "control.step_responses": lambda: control.step_responses(known_vehicles(known())),
+    "control.impulse_response": lambda: control.impulse_response(known_vehicles(known()), 0),
+    "control.margin_forest": lambda: control.margin_forest(known_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
         known_vehicles(known()), "magnitude", 0.3, 370
     ),
