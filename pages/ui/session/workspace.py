@@ -20,6 +20,7 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
+from accpinn.study.dropped import Dropped
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of
@@ -118,6 +119,8 @@ class Workspace:
     """The result when the source was chosen; a newer one is shown in place of the choice."""
     choices: dict[str, Any] = field(default_factory=dict)
     """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
+    dropped: Dropped = field(default_factory=Dropped)
+    """Files that were dropped on page Database for a batch that is not started yet."""
     opened: dict[str, Recording] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
     steps: tuple[Step, ...] = ()
@@ -141,10 +144,10 @@ class Workspace:
 
     @property
     def nbytes(self) -> int:
-        """Memory that its recordings take, and the files of its tables, in bytes."""
+        """Memory that its recordings take, and the files of its tables and batches, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
         held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
-        return known + sum(file.nbytes for file in held.values())
+        return known + self.dropped.nbytes + sum(file.nbytes for file in held.values())
 
     @property
     def spec(self) -> ModelSpec:
