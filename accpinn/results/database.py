@@ -1,13 +1,13 @@
 """A batch of estimations in sentences and tables: its groups, its progress and its failures."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, replace
 from datetime import date
 from math import isnan
 from typing import TYPE_CHECKING
 
-from accpinn.findings import joined, percent, probability
+from accpinn.findings import capital, joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.description import EXTRAPOLATED, Value
@@ -19,7 +19,7 @@ from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
 from accpinn.study.supplied import About
-from accpinn.units import MetresPerSecond, Quantity
+from accpinn.units import Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,7 +110,7 @@ def failures_line(failures: Sequence[Failure]) -> str:
     estimates = sum(failure.start is not None for failure in failures)
     parts = [f"{counted(files, 'file')} without a window"] if files else []
     parts += [f"{counted(estimates, 'estimate')} failed"] if estimates else []
-    return f"{' and '.join(parts)}; the tab Failures says why." if parts else ""
+    return " and ".join(parts)
 
 
 def progress_line(now: BatchProgress) -> str:
@@ -171,15 +171,11 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
-    gaps = {
-        at: [cell_of(Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at)))) for g in groups]
-        for at in SPEEDS
-    }
     if not is_wide:
         digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
             *(filled for filled in _heads(grouped) if filled[0].title != "Vehicles"),
-            (Column("Time gap", "s", 2), gaps[FASTEST]),
+            (Column("Time gap", "s", 2), next(_gaps(grouped))[1]),
             *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
               for name, count in digits.items()),
             (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
@@ -188,45 +184,44 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
         return Table.of(f"{caption}; {at}; L₂: stable", columns)
     columns = [
         *_heads(grouped),
-        *_gaps(grouped, gaps),
+        *_gaps(grouped),
         (GROWTH, [group.growth for group in groups]),
         *((column, [group.span(name) for group in groups])
           for name, column in own.items()),
-        (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
-        (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
+        *_stable(groups),
     ]  # fmt: skip
     return Table.of(caption, columns)
 
 
-def _gaps(
-    grouped: Groups, gaps: Mapping[MetresPerSecond, Sequence[Cell]]
-) -> Iterator[Filled]:  # fmt: skip
+def _gaps(grouped: Groups) -> Iterator[Filled]:
     """The columns of the time gaps at speeds, in a further window, and as measured."""
-    yield from ((gap_column(speed, GAP, "at"), gaps[speed]) for speed in (FASTEST, SPEEDS[0]))
+    groups = grouped.groups
+    for at in (FASTEST, SPEEDS[0]):
+        spans = [Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at))) for g in groups]
+        yield gap_column(at, GAP, "at"), [cell_of(span) for span in spans]
     further = gap_column(FASTEST, GAP, "Further window, at", key="further_window_")
-    yield further, [Range(*astuple(g.time_gap(FASTEST))[3:]) for g in grouped.groups]
+    yield further, [Range(*astuple(group.time_gap(FASTEST))[3:]) for group in groups]
     measured = Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s")
-    yield measured, [group.mean_time_gap.value for group in grouped.groups]
+    yield measured, [group.mean_time_gap.value for group in groups]
+
+
+def _stable(groups: Sequence[Group]) -> Iterator[Filled]:
+    """The columns of string stability."""
+    yield Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]
+    yield Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]
 
 
 def ranking_table(grouped: Groups) -> Table:
     """One row a group in the order of `Groups.ranked`: time gaps, growth and string stability."""
     ranked = grouped.ranked(FASTEST)
-    groups = ranked.groups
-    gaps = {
-        at: [cell_of(Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at)))) for g in groups]
-        for at in SPEEDS
-    }
-    return Table.of(
+    caption = (
         f"Typical value ({100 * grouped.level:g} % interval), by time gap at"
-        f" {3.6 * FASTEST:.0f} km/h, measured before extrapolated",
-        [
-            *_heads(ranked),
-            *_gaps(ranked, gaps),
-            (GROWTH, [group.growth for group in groups]),
-            (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
-            (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
-        ],
+        f" {3.6 * FASTEST:.0f} km/h, measured before extrapolated"
+    )
+    growth: Filled = (GROWTH, [group.growth for group in ranked.groups])
+    return Table.of(
+        caption,
+        [_labels(ranked), *_gaps(ranked), growth, *_stable(ranked.groups), *_counts(ranked)],
     )
 
 
@@ -238,7 +233,7 @@ def group_parameters_table(grouped: Groups) -> Table:
         for name, column in columns_of(grouped.model).items()
     ]
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
-    return Table.of(caption, [*_heads(ranked), *columns])
+    return Table.of(caption, [_labels(ranked), *columns, *_counts(ranked)])
 
 
 def spread_table(grouped: Groups) -> Table:
@@ -279,11 +274,24 @@ def _heads(grouped: Groups) -> list[Filled]:
         (Column(HEADINGS[name]), [group.values[k] or ABSENT for group in groups])
         for k, name in enumerate(grouped.by)
     ]
-    return [
-        *(names or [(Column("Group"), ["all"] * len(groups))]),
-        (Column("Windows", digits=0), [float(group.windows) for group in groups]),
-        (Column("Vehicles", digits=0), [float(group.vehicles) for group in groups]),
-    ]
+    return [*(names or [(Column("Group"), ["all"] * len(groups))]), *_counts(grouped)]
+
+
+def _counts(grouped: Groups) -> Iterator[Filled]:
+    """How much each group has."""
+    yield Column("Windows", digits=0), [float(group.windows) for group in grouped.groups]
+    yield Column("Vehicles", digits=0), [float(group.vehicles) for group in grouped.groups]
+
+
+def _labels(grouped: Groups) -> Filled:
+    """What names each group, in one column."""
+    title = ", ".join(HEADINGS[name].lower() for name in grouped.by)
+    return Column(capital(title) or "Group"), [label_of(g.values) for g in grouped.groups]
+
+
+def label_of(values: Sequence[str]) -> str:
+    """What a group is called."""
+    return " · ".join(value or ABSENT for value in values) or "all"
 
 
 def _share(share: Quantity, group: Group) -> Cell:

@@ -6,7 +6,7 @@ stable. Both criteria keep their form when time is counted in units of τ, so in
 """
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
 from itertools import cycle
 
@@ -15,9 +15,10 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from accpinn.channels import PARAMETER_KEYS, SPEED, TIME_GAP, Quantity
+from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TIME_GAP, Quantity
 from accpinn.findings import probability
 from accpinn.methods.estimate import SPEEDS
+from accpinn.results.database import label_of
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.figures.strip import GLYPHS
@@ -25,14 +26,14 @@ from accpinn.results.tables import ABSENT
 from accpinn.stability import Assessment, assessment
 from accpinn.stability.criteria import smallest_beta_exact, smallest_beta_l2
 from accpinn.study.groups import Group, Groups
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 MOST_GROUPS = 24
 """Largest number of groups in a forest plot; those with most windows are drawn."""
-LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 62, 200
+LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 200
 """Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
 FEW = 10
-WIDTHS = (0.5, 0.38, 0.12)
+WIDTHS = (0.48, 0.36, 0.16)
 """Shares of the panels of a forest plot."""
 GROWTH = Quantity("Largest growth", "max |H|", "", 2, 0.0, 1e3)
 MEASURED, EXTRAPOLATED = "circle", "circle-open"
@@ -44,10 +45,10 @@ MOST_NAMED = len(style.FOLLOWERS)
 COLOUR = style.FOLLOWERS[0]
 STABLE, UNSTABLE, IDLE = style.FOLLOWERS[0], style.FOLLOWERS[1], style.LEADER
 CLASSES = (
-    ("L₂ unstable", UNSTABLE, "circle-open"),
-    ("L₂ stable alone", STABLE, "diamond-open"),
-    ("L₂ and L∞ stable", STABLE, "diamond"),
-    ("no gap control, or not determined", IDLE, "x-thin-open"),
+    ("L₂ unstable (ring)", UNSTABLE, "circle-open"),
+    ("L₂ stable alone (open diamond)", STABLE, "diamond-open"),
+    ("L₂ and L∞ stable (diamond)", STABLE, "diamond"),
+    ("no gap control, or not determined (cross)", IDLE, "x-thin-open"),
 )
 """What a point in the plane is by its string stability, with its colour and symbol."""
 TONES: dict[Assessment, str] = {
@@ -69,11 +70,6 @@ UNITS_OF_TAU = (
 """Of the plane's axes."""
 
 
-def label_of(values: Sequence[str]) -> str:
-    """What a group is called."""
-    return " · ".join(value or ABSENT for value in values) or "all"
-
-
 def forest(grouped: Groups) -> go.Figure:
     """Time gap, largest growth and string stability of each group, ranked by the time gap.
 
@@ -92,7 +88,7 @@ def forest(grouped: Groups) -> go.Figure:
     height = max(LEAST_HEIGHT, RIM + line * len(groups))
     grid = style.row(3, 0.025, WIDTHS)
     chart = style.Chart("forest", height, grid, dragmode=False,
-                        margin={"l": 62, "r": 8, "t": 44, "b": 6})  # fmt: skip
+                        margin={"l": 62, "r": 8, "t": 62, "b": 6})  # fmt: skip
     chart.axis("x*", side="top", tickangle=0)
     chart.axis("y*", range=[-0.7, len(groups) - 0.3], showgrid=True, tickvals=places)
     chart.axis("y", ticktext=names, automargin=True)  # the groups' names may be long
@@ -127,7 +123,11 @@ def forest(grouped: Groups) -> go.Figure:
                            "line": {"width": 2, "color": COLOUR}},
                    cliponaxis=False, showlegend=False)  # fmt: skip
         _mark_cut_ends(chart, panel, part, places, low, high)
-        chart.axis(f"x{panel}", quantity.axis, range=[low, high])
+        first, _, rest = quantity.axis.rpartition(" at ") if quantity is gap else (
+            quantity.axis.partition(" ")
+        )  # fmt: skip
+        look = {"range": [low, high], **style.ticks((low, high))}
+        chart.axis(f"x{panel}", f"{first}<br>{rest}", **look)  # lines that fit a narrow panel
     chart.level("x2", 1.0, style.TRUTH, layer="below")
     _mark_stability(chart, groups, names)
     below = driven.count(False)
@@ -153,8 +153,8 @@ def _mark_stability(chart: style.Chart, groups: Sequence[Group], names: Sequence
             hovertemplate="%{customdata}<extra></extra>",
             textfont={"color": [TONES[verdict] for verdict in verdicts], "size": 15},
         )  # fmt: skip
-    chart.axis("x3", "Stable", tickvals=[0, 1], ticktext=["L₂", "L∞"], range=[-0.6, 1.6],
-               showgrid=False)  # fmt: skip
+    chart.axis("x3", "Stable<br>L₂ L∞", showticklabels=False, range=[-0.6, 1.6],
+               showgrid=False, standoff=22)  # fmt: skip
 
 
 def _mark_cut_ends(
@@ -192,35 +192,43 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
 
 
 def plane(rows: pd.DataFrame) -> go.Figure:
-    """α and β of each row in units of its τ, by its string stability, and where that begins.
+    """α and β of each row, by its string stability, and where that begins.
 
-    The axes are ατ² and βτ, in which one boundary of each criterion holds for every vehicle without
-    lag and delay. A vehicle that has one has boundaries of its own, so with such a row none is
-    drawn. Every point carries its place among the rows.
+    Where no vehicle has a lag or a delay, the axes are ατ² and βτ, in which one boundary of each
+    criterion holds for all. A vehicle that has one has boundaries of its own, so with such a row
+    the axes are α and β and no boundary is drawn. Every point carries its place among the rows.
     """
     alpha, beta, tau = (rows[name].to_numpy(float) for name in PARAMETER_KEYS)
-    x, y = alpha * tau**2, beta * tau
-    l2, linf = (rows[name].astype("boolean") for name in ("l2_stable", "linf_stable"))
-    unknown = (l2.isna() | linf.isna()).to_numpy(bool)
-    stable, exactly = (part.fillna(False).to_numpy(bool) for part in (l2, linf))
-    idle = (alpha == 0) | unknown  # without gap control string stability means nothing
-    chart = style.Chart("plane", 430)
-    for (name, colour, symbol), part in zip(
-        CLASSES, (~stable & ~idle, stable & ~exactly & ~idle, exactly & ~idle, idle), strict=True
-    ):
+    has_lines = has_common_boundaries(rows)
+    x, y = (alpha * tau**2, beta * tau) if has_lines else (alpha, beta)
+    chart = style.Chart(f"plane-{has_lines}", 430)
+    for (name, colour, symbol), part in classified(rows):
         places = np.flatnonzero(part & np.isfinite(x + y))
         _draw_points(chart, rows, x, y, places, name, colour, symbol)
-    right, top = _end(x), max(_end(y), 1.15)
-    if has_common_boundaries(rows):
+    right, top = _end(x), _end(y)
+    if has_lines:
+        top = max(top, 1.15)
         along = np.linspace(right / ALONG, right, ALONG)
         chart.line(along, smallest_beta_l2(along, 1.0), "L₂", L2, hoverinfo="skip")
         exact = smallest_beta_exact(along, 1.0)
         chart.line(along, exact, "L∞, exact", EXACT, dash="dash", hoverinfo="skip")
         chart.words("string stable", 0.995, 0.985)
-    for name, quantity, end in zip("xy", UNITS_OF_TAU, (right, top), strict=True):
+    for name, quantity, end in zip(
+        "xy", UNITS_OF_TAU if has_lines else (ALPHA, BETA), (right, top), strict=True
+    ):
         heading = f"{quantity.symbol}, {_lower(quantity.axis)}"
         chart.axis(name, heading, range=[-0.02 * end, end])
     return chart.figure()
+
+
+def classified(rows: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], Mask]]:
+    """Each of `CLASSES`, and which rows (N,) are of it."""
+    l2, linf = (rows[name].astype("boolean") for name in ("l2_stable", "linf_stable"))
+    stable, exactly = (part.fillna(False).to_numpy(bool) for part in (l2, linf))
+    # Without gap control string stability means nothing.
+    idle = (rows["alpha"].to_numpy(float) == 0) | (l2.isna() | linf.isna()).to_numpy(bool)
+    parts = (~stable & ~idle, stable & ~exactly & ~idle, exactly & ~idle, idle)
+    yield from zip(CLASSES, parts, strict=True)
 
 
 def has_common_boundaries(rows: pd.DataFrame) -> bool:

@@ -103,15 +103,16 @@ def show_page(workspace: Workspace) -> None:
         with st.container(border=True):
             running.show_form(workspace)
         return
-    if asked not in names:
-        if asked and not refused:
+    study = asked if asked in names else names[0]
+    if study != asked and not refused:  # why a batch was refused stands until another is chosen
+        if asked:
             show.messages(f"There is no study {own.title_of(asked)[:60]} here.", "warning")
-        choose(workspace, study=names[0])
+        choose(workspace, study=study)
     with st.container(horizontal=True, vertical_alignment="bottom", key="database_head"):
-        _choose_study(workspace, names)
+        _choose_study(workspace, names, study)
         place = st.container(horizontal=True, vertical_alignment="bottom", width="content")
-        _show_actions(workspace, is_first)
-    show.attempt(lambda: _show_body(workspace, workspace.choices["database_study"], place))
+        _show_actions(workspace, study, is_first)
+    show.attempt(lambda: _show_body(workspace, study, place))
     _write_link(workspace)
 
 
@@ -138,9 +139,9 @@ def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
         _show_failures(on_disk.read_failures(folder), study)
 
 
-def _choose_study(workspace: Workspace, names: tuple[str, ...]) -> None:
+def _choose_study(workspace: Workspace, names: tuple[str, ...], study: str) -> None:
     select(
-        "Study", {name: _label(name) for name in names}, workspace.choices["database_study"],
+        "Study", {name: _label(name) for name in names}, study,
         "database_study",
         lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
         width=280,
@@ -149,7 +150,7 @@ def _choose_study(workspace: Workspace, names: tuple[str, ...]) -> None:
     )  # fmt: skip
 
 
-def _show_actions(workspace: Workspace, is_first: bool) -> None:
+def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
     """The way to a study of one's own, and the link to what is shown."""
     popover = st.popover(
         "Start your own" if is_first else "New study", icon=":material/playlist_add:",
@@ -162,7 +163,7 @@ def _show_actions(workspace: Workspace, is_first: bool) -> None:
             running.show_form(workspace)
     with st.popover("Link", icon=":material/share:"):
         st.caption("It opens this study with these filters, without your session.")
-        shared = own.link_to(workspace.id, workspace.choices["database_study"])
+        shared = own.link_to(workspace.id, study)
         parameters = _parameters(workspace) | {"study": (shared,)}
         show.address(f"Database?{urlencode(parameters, doseq=True)}")
 
@@ -195,8 +196,9 @@ def _show_study(
         results.extent(whole, selected.makes, selected.recordings),
         results.typical_line(whole),
         results.batch_line(on_disk.read_request(folder)),
+        results.failures_line(failures),
     )
-    show.caption(" · ".join(filter(None, parts)), results.failures_line(failures))
+    show.caption(" · ".join(filter(None, parts)))
     if is_supplied:
         show.caption(results.supplied_line(read_about(folder)), results.OPENACC)
     show.chart(selected.forest, "database_forest")
@@ -372,12 +374,12 @@ def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
 
 
 def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
-    """α and β of each row in units of its τ, and where string stability begins."""
+    """α and β of each row, and where string stability begins."""
     whose = _choose_method(workspace, rows)
     has_lines = figures.has_common_boundaries(selected.rows)
     lines = [("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)] if has_lines else []
-    titles = zip(figures.CLASSES, ("ring", "open diamond", "diamond", "cross"), strict=True)
-    show.key([*((f"{name} ({mark})", colour) for (name, colour, _), mark in titles), *lines])
+    present = [look for look, part in figures.classified(selected.rows) if part.any()]
+    show.key([*((name, colour) for name, colour, _ in present), *lines])
     figure = figures.plane(selected.rows)
     _chart(figure, "database_plane", workspace)
     boundary = "" if has_lines else (
@@ -391,7 +393,7 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
 
 def _show_gaps(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
     parts = selected.rows[list(selected.groups.by)].itertuples(index=False, name=None)
-    labels = tuple(map(figures.label_of, parts))
+    labels = tuple(map(results.label_of, parts))
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
     _chart(figures.gap_against_speed(selected.rows, labels), "database_gaps", workspace)
     st.caption(

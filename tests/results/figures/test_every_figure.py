@@ -54,6 +54,8 @@ WITHOUT_UNIT = {
     "Gain",
     "Coherence",
     "Correlation",
+    "ατ², gain on spacing in units of τ",
+    "βτ, gain on relative speed in units of τ",
 }
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
