@@ -191,7 +191,7 @@ def test_every_tab_and_the_failures(study: Path) -> None:
     assert "Standard deviations beyond" in page.open_tab("database_tabs", "Spread").plain()
     page.open_tab("database_tabs", "α–β plane")
     assert "ατ²" in page.figures()[1]["layout"]["xaxis"]["title"]["text"]
-    page.open_tab("database_tabs", "Time gap")
+    page.open_tab("database_tabs", "Time gap over speed")
     points = [trace for trace in page.figures()[1]["data"] if trace["type"] == "scattergl"]
     assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
 

@@ -1,6 +1,6 @@
 """What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -418,6 +418,26 @@ class Workspace:
         )
         self.cars[vehicle] = self._submit(task)
         self.choose_source("several")
+
+    def use_models(self, models: Mapping[int, str]) -> None:
+        """Let followers have models, by number: those of another than the result's are estimated.
+
+        Pages Stability and Platoon then show the cars together.
+        """
+        result = self.result if self.result and self.result.is_finished else None
+        for vehicle, model in models.items():
+            task = self.cars.get(vehicle)
+            if result and vehicle in result.info.vehicles[1:] and result.estimate.model == model:
+                if task:
+                    task.stop()
+                self.cars.pop(vehicle, None)
+            elif not (task and task.analysis and task.analysis.spec.model == model and (
+                task.is_active or task.result
+            )):  # fmt: skip
+                if task:
+                    task.stop()
+                self.estimate_car(vehicle, model)
+        self.choose_source("several" if self.cars else "estimate")
 
     def _submit(self, task: Task[Found]) -> Task[Found]:
         """Queue a task; all sessions of a user take turns with others as one."""
