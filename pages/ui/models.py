@@ -7,6 +7,7 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
+from accpinn.results.description import brief
 from accpinn.results.figures import comparison as figures
 from accpinn.results.messages.estimate import true_model
 from accpinn.results.messages.summary import best_models, which_model
@@ -120,7 +121,7 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
             number, ranked = one.info.vehicles[1], one.ranked
             chosen[number] = select(
                 one.info.labels[1],
-                {score.key: f"{score.model.title}, {score.typical_rmse:.2f} m" for score in ranked},
+                {score.key: f"{_short(score.key)}, {score.typical_rmse:.2f} m" for score in ranked},
                 ranked[0].key, f"models_of_{number}", workspace, width=250,
                 help="The model with the least error first. Two errors may differ by chance: see"
                 " the numbers below.",
@@ -145,6 +146,12 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
         for task in workspace.cars.values():
             show.messages(task.error, "error")
         show_strip(strip_of(of_several(cars)), next_step=lambda: _show_next(workspace))
+
+
+def _short(model: str) -> str:
+    """A model's name that fits a narrow field."""
+    words = brief(model)
+    return f"CTHP {words}" if words.startswith("with ") else words
 
 
 def _show_next(workspace: Workspace) -> None:

@@ -104,7 +104,7 @@ def estimates(
     place = dict[int, float]()
     for model, members in groups.items():
         # What stands behind the colon takes no line of its own in a wide window.
-        ticks[at], at = f"<b>{html.escape(group_title(model))}</b>", at - 1
+        ticks[at], at = f"<b>{html.escape(group_title(model), quote=False)}</b>", at - 1
         for row in members:
             place[id(row)] = at
             ticks[at], at = html.escape(row.name).replace(" (", "<br>(", 1), at - 1
