@@ -143,6 +143,15 @@ def test_dropped_files_are_unpacked_refused_one_by_one_and_removed_after_the_bat
     assert found == [["mine.csv", "part3.csv"]]
     assert session.dropped.files == ()
     study = Path(os.environ["ACCPINN_STUDIES"]) / "dropped"
+    left = study / DROPPED / "0" / "left.csv"  # as of a batch that was stopped
+    left.parent.mkdir(parents=True)
+    left.write_bytes(raw)
+    own.make_room(session.id, "dropped", 1)
+    assert left.exists()
+    monkeypatch.setattr(own, "MOST_DROPPED", len(raw))
+    with pytest.raises(RecordingError, match="dropped files"):
+        own.make_room(session.id, "dropped", 1)
+    own.make_room(session.id, "another", len(raw))
     assert not (study / DROPPED).exists()
     assert (study / FILE).exists()
 

@@ -11,10 +11,11 @@ key, 128 random bits that are made when the owner first sees the study, names it
 import secrets
 from contextlib import suppress
 from pathlib import Path
+from shutil import rmtree
 
 from accpinn.errors import AccpinnError, ConfigError
 from accpinn.storage import folder, reported, write_whole
-from accpinn.study.studies import FILE, StudyError, state_of, study_path
+from accpinn.study.studies import DROPPED, FILE, StudyError, state_of, study_path
 from accpinn.study.supplied import supplied_study
 from pages.ui.session.resources import batch_queue
 from pages.ui.session.sessions import is_admin, owner_mark, sees_all
@@ -24,6 +25,8 @@ OWNERS, LINKS, LINK = "_", "_links", ".link"
 the key of its link. No study's name begins with "_" or a point."""
 SUPPLIED, SUPPLIED_TITLE = "supplied:openacc", "OpenACC cars (supplied)"
 """Name and title of the study that comes with the program."""
+MOST_DROPPED = 1_000_000_000
+"""Largest size of all files that were dropped for batches, in bytes."""
 DIGITS = 32
 """Of a digest in the name of a user's folder."""
 
@@ -99,6 +102,28 @@ def link_to(session: str, name: str) -> str:
         write_whole(links / key, task_owner(path).encode())
         write_whole(path / LINK, key.encode())
     return f"{path.name}@{key}"
+
+
+def make_room(session: str, name: str, nbytes: int) -> None:
+    """Make room for files that were dropped for a study: those of others, now idle, are removed.
+
+    Raises:
+        StudyError: where the files of all users together would be too large.
+    """
+    active = batch_queue().active_owners("batch")
+    for other in own_studies(session):
+        path = path_of(session, other)
+        if other != name and "/" not in other and task_owner(path) not in active:
+            rmtree(path / DROPPED, ignore_errors=True)
+    files = (
+        path for level in ("*", "*/*")
+        for path in folder("studies").glob(f"{level}/{DROPPED}/**/*") if path.is_file()
+    )  # fmt: skip
+    if sum(path.stat().st_size for path in files) + nbytes > MOST_DROPPED:
+        raise StudyError(
+            f"This server keeps {MOST_DROPPED / 1e9:g} GB of dropped files, which are in use; wait"
+            " until a batch has ended."
+        )
 
 
 def _place(session: str) -> Path:

@@ -261,6 +261,7 @@ def _free_name(workspace: Workspace) -> str:
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
     if workspace.dropped.files and not is_active(workspace, name):
+        own.make_room(workspace.id, name, workspace.dropped.nbytes)
         paths = workspace.dropped.save(own.path_of(workspace.id, name))
         request, workspace.dropped = replace(request, sources=paths), Dropped()
     _start(workspace, name, request)
