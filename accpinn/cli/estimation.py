@@ -19,6 +19,7 @@ from accpinn.cli.options import (
     MODEL,
     RUN,
     SEGMENT,
+    THREADS,
     VARIANTS_HELP,
     WINDOWS,
     chosen_analysis,
@@ -26,7 +27,7 @@ from accpinn.cli.options import (
     named_keys,
 )
 from accpinn.cli.output import interruptible, note, show_result
-from accpinn.cli.recordings import option
+from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
@@ -123,7 +124,8 @@ COMPARE_OPTIONS = (
     option("--models", nargs="?", const="all", metavar="all | A,B",
            help="car-following models in place of methods, each judged in windows left out: all in"
            " car-following, or those given, or blocks of one"),
-    *RUN,
+    THREADS,
+    JSON,
 )  # fmt: skip
 STARTS_OPTIONS = (
     *SEGMENT,

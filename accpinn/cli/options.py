@@ -81,8 +81,9 @@ MODEL = (
     option("--fixed", "--hold", dest="fixed", type=_fixed, action="append", default=[],
            metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
+THREADS = option("--threads", type=int, metavar="N", help="most processor threads for training")
 RUN = (
-    option("--threads", type=int, metavar="N", help="most processor threads for training"),
+    THREADS,
     option("--no-cache", action="store_true", help="neither read nor store results"),
     JSON,
 )

@@ -47,7 +47,7 @@ _PARQUET = b"PAR1"
 _FLOATING_CAR_DATA = b"<fcd-export"
 _HEAD_BYTES = 100_000
 """Beginning of an XML file in which its root stands; SUMO's configuration comes before it."""
-_WORKBOOK = "xl/workbook.xml"
+WORKBOOK = "xl/workbook.xml"
 _BROKEN = "download or export it again"
 _AGAIN = "download it again, unpack it, or save the sheet as CSV"
 
@@ -92,8 +92,8 @@ def _table(raw: bytes, refused: Refusal) -> Contents:
     if raw.startswith(_PARQUET):
         return Contents(_parquet(raw, refused))
     if raw.startswith(ZIP):
-        with _archive(raw, refused) as archive:
-            if _WORKBOOK in archive.namelist():
+        with open_zip(raw, refused) as archive:
+            if WORKBOOK in archive.namelist():
                 return _workbook(archive, refused)
     text = raw.removeprefix(UTF8_MARK)
     if text[:100].lstrip().startswith(b"<") and _FLOATING_CAR_DATA in text[:_HEAD_BYTES]:
@@ -129,7 +129,8 @@ def _utf16(raw: bytes, refused: Refusal) -> bytes:
         raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
 
 
-def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
+def open_zip(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
+    """The zip archive in bytes, with `LIMIT_MEMBERS` files at most."""
     try:
         return archives.open_archive(raw, LIMIT_MEMBERS)
     except archives.TooManyMembers:
@@ -139,7 +140,7 @@ def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
         raise refused("the zip archive or Excel workbook is damaged or cut short", _AGAIN) from None
 
 
-def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int = 0) -> bytes:
+def zip_member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int = 0) -> bytes:
     """A file of an archive, which with those before may unpack to the limit."""
     try:
         return archives.read_member(archive, name, LIMIT_BYTES - used)
@@ -156,9 +157,9 @@ def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int =
 
 def _zipped(raw: bytes, refused: Refusal) -> Contents:
     """A workbook, or the only file of an archive."""
-    with _archive(raw, refused) as archive:
-        names = [name for name in archive.namelist() if _is_file(name)]
-        if _WORKBOOK in names:
+    with open_zip(raw, refused) as archive:
+        names = [name for name in archive.namelist() if is_file(name)]
+        if WORKBOOK in names:
             return _workbook(archive, refused)
         if any(name == "content.xml" or name.startswith("xl/") for name in names):
             fault = "this is a workbook of a kind that is not read"
@@ -166,10 +167,10 @@ def _zipped(raw: bytes, refused: Refusal) -> Contents:
         if len(names) != 1:
             fault = f"this is a zip archive with {len(names)} files, not a CSV file"
             raise refused(fault, "unpack it, and choose one of them")
-        return _table(_member(archive, names[0], refused), refused)
+        return _table(zip_member(archive, names[0], refused), refused)
 
 
-def _is_file(name: str) -> bool:
+def is_file(name: str) -> bool:
     """Whether an archive's entry is no folder and none of what macOS adds."""
     return not name.endswith("/") and not name.startswith("__MACOSX/")
 
@@ -228,7 +229,7 @@ def _inflated(archive: "zipfile.ZipFile", refused: Refusal) -> io.BytesIO:
         for name in dict.fromkeys(archive.namelist()):
             if not name.endswith((".xml", ".rels")):
                 continue  # pictures, macros and printers
-            part = _member(archive, name, refused, used)
+            part = zip_member(archive, name, refused, used)
             used += len(part)
             if b"<!DOCTYPE" in part:
                 raise refused("the workbook defines entities", "save the sheet as CSV")

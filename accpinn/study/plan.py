@@ -274,7 +274,7 @@ def _files_below(folder: Path, refused: dict[Path, str]) -> list[Path]:
     files, root = [], folder.resolve()
     for place, _, names in os.walk(folder, onerror=unread):
         for path in (Path(place, name) for name in names):
-            if path.suffix.lower() not in ENDINGS or _is_note(path) or not path.is_file():
+            if path.suffix.lower() not in ENDINGS or is_note(path) or not path.is_file():
                 continue
             if not is_text(path):
                 refused[path] = NO_TEXT
@@ -285,7 +285,7 @@ def _files_below(folder: Path, refused: dict[Path, str]) -> list[Path]:
     return sorted(files)
 
 
-def _is_note(path: Path) -> bool:
+def is_note(path: Path) -> bool:
     """Whether a text accompanies the runs and is none."""
     return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")
 

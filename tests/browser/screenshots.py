@@ -60,8 +60,11 @@ SCENES = {
     "compare": ("/Data", "press Open this sample", "to Compare", "press Run all methods",
                 "wait Stop", "fold compare_running", "wait with the recommended estimate",
                 "tab Repeatability", "press Five starts", "wait All 5 trainings", "tour compare",
-                "tick Car-following models", "press Compare 4 models", "chart models_peak",
-                "tour compare_models"),
+                "tick Car-following models", "press Compare 4 models", "chart models_cars",
+                "tour compare_models", "press Use these models", "wait Next: string stability",
+                "fold compare_models_used"),
+    "database": ("/Database", "tour database_supplied", "press Start your own",
+                 "shoot database_form"),
     "snapshots": ("/", "press Train a sample now", "wait Next: string stability", "to Snapshots",
                   "fill Name = Before the update",
                   "wait Saved as", "press All snapshots", "fill Name = After the update",
@@ -95,8 +98,12 @@ OF_REAL_RECORDINGS = {
                  "choose Disturbance of the leader = As recorded", "shoot platoon_astazero"),
     "reproduced": ("/Reproduce", "press Reproduce all", "wait done", "fold reproduce_running",
                    "wait Reproduce all", "tour reproduced"),
-    "database": ("/Database", "fold database_empty", "press Start the batch", "wait rows so far",
-                 "fold database_running", "wait Done: ", "tour database"),
+    "compared": ("/Data", "file Casale/part7.csv", "to Compare", "press Run all methods",
+                 "wait with the recommended estimate", "tour compare_casale",
+                 "tick Car-following models", "press Compare 4 models", "chart models_cars",
+                 "tour compare_models_casale"),
+    "batch": ("/Database", "press Start your own", "press Start the batch", "wait rows so far",
+              "fold database_running", "wait Done: ", "tour database_own"),
 }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser.conftest import Open
-from tests.browser.running import TRAINING_MS, go, idle, open_tab, upload, words
+from tests.browser.running import TRAINING_MS, chart, go, idle, open_tab, upload, words
 
 pytestmark = pytest.mark.browser
 FOLD, PAGE = 150, 350
@@ -63,6 +63,41 @@ def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
     idle(page)
     counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
     page.set_viewport_size({"width": 1440, "height": 1000})
+    print(file or "sample", counts)
+    assert all(0 < fold <= FOLD and fold <= whole <= PAGE for fold, whole in counts.values()), (
+        counts
+    )
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["", pytest.param("Casale/part7.csv", marks=pytest.mark.skipif(not REAL, reason="no OpenACC"))],
+)
+def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
+    page = opened("/Data")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    if file:
+        upload(page, Path(REAL or "") / file)
+        page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).wait_for()
+    else:
+        page.get_by_role("button", name="Open this sample").click()
+    counts = {}
+
+    def count(name: str, key: str) -> None:
+        chart(page, key)
+        idle(page)
+        counts[name] = len(words(page, is_fold=True)), len(words(page))
+
+    go(page, "Compare")
+    page.get_by_role("button", name="Run all methods").click()
+    page.get_by_role("tab", name="Numbers").wait_for(timeout=LONGEST_MS)
+    count("methods", "compare_estimates")
+    page.get_by_text("Car-following models", exact=True).click()
+    page.get_by_role("button", name="Compare 4 models").click()
+    page.get_by_role("button", name="Use these models").wait_for(timeout=LONGEST_MS)
+    count("models", "models_cars")
+    go(page, "Database")
+    count("database", "database_forest")
     print(file or "sample", counts)
     assert all(0 < fold <= FOLD and fold <= whole <= PAGE for fold, whole in counts.values()), (
         counts

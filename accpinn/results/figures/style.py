@@ -277,9 +277,13 @@ def stack(*heights: float, spacing: float = 0.05) -> Mapping[str, Part]:
     )
 
 
-def row(count: int, spacing: float) -> Mapping[str, Part]:
-    """Panels beside each other with one vertical scale."""
-    return _grid(rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing)
+def row(
+    count: int, spacing: float, widths: tuple[float, ...] | None = None
+) -> Mapping[str, Part]:  # fmt: skip
+    """Panels beside each other with one vertical scale, by default of one width."""
+    return _grid(
+        rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing, column_widths=widths
+    )
 
 
 def matrix(count: int) -> Mapping[str, Part]:

@@ -106,6 +106,24 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     )
 
 
+def best_models(judgements: Sequence[Judgement]) -> str:
+    """How many followers each model predicts best, and for how many that is certain."""
+    best: dict[str, int] = {}
+    for judged in judgements:
+        title = judged.ranked[0].model.title
+        best[title] = best.get(title, 0) + 1
+    total, clear = len(judgements), sum(judged.is_clear for judged in judgements)
+    certain = "" if clear == total else " (perhaps by chance)" if not clear else (
+        f" (clearly for {clear} of them)"
+    )  # fmt: skip
+    if len(best) == 1:
+        cars = "this car" if total == 1 else f"all {total} cars"
+        return f"The {next(iter(best))} predicts {cars} best{certain}."
+    counts = sorted(best.items(), key=lambda item: -item[1])
+    named = joined([f"{count} of {total} cars by the {title}" for title, count in counts])
+    return f"Best predicted: {named}{certain}."
+
+
 def conditional(result: Result, adequacy: Adequacy | None) -> str:
     """What estimates and intervals assume, and for whom another form of the CTHP is better."""
     model = result.estimate.model

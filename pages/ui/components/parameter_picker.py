@@ -149,7 +149,7 @@ def parameters_from(
         typed = _typed(choices.get(MODEL, PAPER), choices.get(ROWS, ()))
         return KnownVehicles(typed, origin=SOURCES[source])
     if source == "several":
-        return _of_several(cars_of(workspace))
+        return of_several(cars_of(workspace))
     result = workspace.result
     if source == "snapshot":
         result = opened(_chosen_snapshot(workspace, entries))
@@ -171,10 +171,12 @@ def parameters_from(
 def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
     """The result and the place in it of each follower, its own result before the present one.
 
-    Empty where no follower of the present result has one of its own.
+    Empty where no follower has one of its own. Without a present result there are these alone.
     """
     result, own = workspace.result, workspace.own_results
-    if result is None or not own.keys() & {*result.info.vehicles[1:]}:
+    if result is None:
+        return tuple((own[number], 0) for number in sorted(own))
+    if not own.keys() & {*result.info.vehicles[1:]}:
         return ()
     return tuple(
         (own[number], 0) if number in own else (result, k)
@@ -182,7 +184,7 @@ def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
     )
 
 
-def _of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
+def of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
     """Vehicles of several results, each near its median speed."""
     labels = [result.info.labels[k + 1] for result, k in cars]
     vehicles = ParameterSet(

@@ -1,6 +1,6 @@
 """What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -20,6 +20,7 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
+from accpinn.study.dropped import Dropped
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of
@@ -122,6 +123,8 @@ class Workspace:
     """The result when the source was chosen; a newer one is shown in place of the choice."""
     choices: dict[str, Any] = field(default_factory=dict)
     """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
+    dropped: Dropped = field(default_factory=Dropped)
+    """Files that were dropped on page Database for a batch that is not started yet."""
     opened: dict[str, Recording] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
     steps: tuple[Step, ...] = ()
@@ -145,10 +148,10 @@ class Workspace:
 
     @property
     def nbytes(self) -> int:
-        """Memory that its recordings take, and the files of its tables, in bytes."""
+        """Memory that its recordings take, and the files of its tables and batches, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
         held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
-        return known + sum(file.nbytes for file in held.values())
+        return known + self.dropped.nbytes + sum(file.nbytes for file in held.values())
 
     @property
     def spec(self) -> ModelSpec:
@@ -424,6 +427,26 @@ class Workspace:
         """Queue the verification of a snapshot, also against its recording where that is given."""
         task = verification_task(self.id, snapshot, recording, resources.library())
         self.verifications[snapshot.id] = self._submit(task)
+
+    def use_models(self, models: Mapping[int, str]) -> None:
+        """Let followers have models, by number: those of another than the result's are estimated.
+
+        Pages Stability and Platoon then show the cars together.
+        """
+        result = self.result if self.result and self.result.is_finished else None
+        for vehicle, model in models.items():
+            task = self.cars.get(vehicle)
+            if result and vehicle in result.info.vehicles[1:] and result.estimate.model == model:
+                if task:
+                    task.stop()
+                self.cars.pop(vehicle, None)
+            elif not (task and task.analysis and task.analysis.spec.model == model and (
+                task.is_active or task.result
+            )):  # fmt: skip
+                if task:
+                    task.stop()
+                self.estimate_car(vehicle, model)
+        self.choose_source("several" if self.cars else "estimate")
 
     def _submit(self, task: Task[Found]) -> Task[Found]:
         """Queue a task; all sessions of a user take turns with others as one."""

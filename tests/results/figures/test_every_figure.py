@@ -55,6 +55,8 @@ WITHOUT_UNIT = {
     "Coherence",
     "Correlation",
     "Step response of the speed",
+    "ατ², gain on spacing in units of τ",
+    "βτ, gain on relative speed in units of τ",
 }
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
@@ -83,8 +85,10 @@ def simulated(collides: bool) -> Any:
 
 
 def judged() -> Any:
-    score = SimpleNamespace(model=FOLLOWING["idm"], theta=None, rmse=np.array([1.0, 2.0]))
-    return SimpleNamespace(scores=[score], windows=MADE)
+    errors = {"rmse": np.array([1.0, 2.0]), "typical_rmse": 1.4}
+    score = SimpleNamespace(model=FOLLOWING["idm"], key="idm", theta=None, **errors)
+    info = SimpleNamespace(labels=(NAME, NAME))
+    return SimpleNamespace(scores=[score], ranked=[score], windows=MADE, info=info)
 
 
 def grouped() -> Any:
@@ -97,7 +101,9 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "animation.animation": lambda: animation.animation(*simulated(True)),
     "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
-        [(NAME, point().parameters.values[0])], COLOUR, comparison.row_of(known(), 0, 20.0)
+        [comparison.Row(NAME, "cthp", point().parameters.values[0])],
+        COLOUR,
+        comparison.row_of(known(), 0),
     ),
     "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit((SEGMENT,)).track)], 0),
     "comparison.residual": lambda: comparison.residual(
@@ -108,6 +114,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "database.gap_against_speed": lambda: database.gap_against_speed(
         rows(row(NAME, **PLACE)), [NAME]
     ),
+    "comparison.errors_by_car": lambda: comparison.errors_by_car([judged()]),
     "comparison.errors_by_window": lambda: comparison.errors_by_window(judged()),
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
