@@ -33,6 +33,7 @@ from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
+    MINUTE,
     PAGES,
     WAIT,
     WIDGETS,
@@ -649,15 +650,60 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
     assert [*map(format_duration, seconds)] == words
 
 
-def test_another_window_ends_a_training() -> None:
-    session = with_sample()
+def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() -> None:
+    session = with_pair()
     session.preset = "paper"
     session.train()
-    job = session.training
-    session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
+    job, recording = session.training, session.recording
+    session.choose(window=Window(10.0, 200.0))
     assert session.window_starts == (), "a window chosen by hand is the one that counts"
+    assert session.training is None
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    assert job.is_active
+    page = open_page("Data", session)
+    assert f"{PLATOON.name}, 0–60 s" in page.plain()
+    session.preset = "fast"
+    session.train()
+    assert job.is_active, "a new training waits for it"
+    assert session.training is not job
+    page.sound().press("frame_left_0_show")
+    assert (session.recording, session.asked.window) == (recording, MINUTE)
+    assert session.training is job, "what was open with it is open again"
+    (later,) = session.left
+    page.press("frame_left_0_stop")
+    assert later.task.is_stopping or not later.task.is_active
+    session.choose(window=Window(10.0, 200.0))
+    session.undo()
+    assert session.training is job, "nor is it run twice"
+    stop_tasks(session)
+
+
+def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:
+    session = with_pair()
+    session.preset = "fast"
+    session.train()
+    job = session.training
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert job.wait(WAIT)
-    assert job.status is Status.STOPPED, "nobody could stop it any more"
+    (run,) = session.runs
+    assert run.source == PLATOON.name
+    for title in ("Home", "Train"):
+        page = open_page(title, session)
+        assert f"{'home_runs' if title == 'Home' else 'runs'}_open_{run.id}" in page.buttons
+    page.press("frame_left_0_show")
+    assert session.result.analysis.key == job.analysis.key
+    assert not session.left
+
+
+def test_a_training_in_another_session_of_mine_is_named_with_the_way_to_it() -> None:
+    session = with_pair()
+    session.preset = "paper"
+    session.train()
+    page = open_page("Home")
+    assert page.workspace() is not session
+    page.press("frame_elsewhere_0_show")
+    assert page.workspace() is session
+    stop_tasks(session)
 
 
 def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_their_result() -> None:

@@ -249,6 +249,12 @@ class Workspaces:
             names = list(self._kept)
         return next((self.find(name) for name in names if key_of(name) == key), None)
 
+    def training(self) -> tuple[Workspace, ...]:
+        """Those in which a training runs or waits."""
+        with self._lock:
+            every = [workspace for _, workspace in self._kept.values()]
+        return tuple(w for w in every if w.training and w.training.is_active)
+
     def _forget(self) -> None:
         """Let go of those that nobody has used for long, and of the longest unused of too many.
 
@@ -388,6 +394,12 @@ def recent_sessions(workspace: Workspace) -> list[tuple[str, Shown]]:
             shown = restore(Shown, msgspec.json.decode(document), {})
             latest.setdefault(shown.subject, (key, shown))  # of equal ones the last
     return [(key, shown) for key, shown in latest.values() if key != own][:RECENT]
+
+
+def training_elsewhere(workspace: Workspace) -> tuple[Workspace, ...]:
+    """The person's other sessions in which a training runs or waits."""
+    others = (other for other in workspaces().training() if other is not workspace)
+    return tuple(other for other in others if sees_all() or other.owner == workspace.owner)
 
 
 def go_on(key: str) -> Workspace:
