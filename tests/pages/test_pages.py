@@ -80,7 +80,7 @@ def test_a_link_to_an_unknown_session_says_so_shows_a_next_step_and_makes_no_fil
     assert page.workspace().id != name
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "**Continue**" not in page.texts()
+    assert "**Recording**" not in page.texts()
     assert {*tmp_path.rglob("*")} - before <= {store().folder}
     page.run()
     assert "no longer kept" not in page.texts()
@@ -96,7 +96,7 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
     assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown, "no new widgets"
     assert shown or title == "Home"
     if title == "Home":
-        assert "**Continue**" in page.texts()
+        assert "**Recording**" in page.texts()
         assert "vehicles 2–5" in page.texts()
     session.choose(window=Window(395.0, 399.0))
     assert session.fault
@@ -319,7 +319,7 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(PAGES["Home"]).run()
-    assert "**Continue**" in page.texts(), "Home stays open"
+    assert "**Recording**" in page.texts(), "Home stays open"
 
 
 def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:

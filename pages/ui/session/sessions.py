@@ -412,10 +412,28 @@ def go_on(key: str) -> Workspace:
     return workspace
 
 
-def runs_to_see(workspace: Workspace) -> tuple[Entry, ...]:
-    """The finished runs of this computer, or of the user where others use the server."""
-    owner = "" if sees_all() else owner_mark(workspace.id)
-    return tuple(entry for entry in store().entries(session=owner) if not entry.fault)
+def results_to_see(workspace: Workspace) -> tuple[Entry, ...]:
+    """The person's own results, the newest first: finished runs, and snapshots of no such run.
+
+    They are those of this computer, or of the user where others use the server. A run that was
+    saved as a snapshot has its name.
+    """
+    session = workspace.id
+    is_everything = sees_all()
+    entries = store().entries(session="" if is_everything else owner_mark(session))
+    runs = {_content(entry): entry for entry in reversed(entries) if not entry.fault}
+    marks = owner_mark(session), digest(session)
+    for entry in reversed(library().entries()):
+        is_mine = is_everything or library().owner(entry.id) in marks
+        if is_mine and not entry.fault:
+            run = runs.get(_content(entry), entry)
+            runs[_content(entry)] = replace(run, name=entry.name)
+    return tuple(sorted(runs.values(), key=lambda entry: entry.created, reverse=True))
+
+
+def _content(entry: Entry) -> tuple[object, ...]:
+    """What tells whether two entries are of the same result."""
+    return entry.sha256, entry.window, entry.numbers, entry.method, entry.model, entry.parameters
 
 
 def resume(workspace: Workspace, document: bytes) -> None:

@@ -64,7 +64,7 @@ def show_page(workspace: Workspace) -> None:
         st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        workspace, entries, "snapshots", lambda entry: _view(workspace, entry.id),
         lambda entry: _delete_button(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
