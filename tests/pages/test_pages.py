@@ -382,7 +382,7 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     first, second = session.several_windows
     session.window_starts = (second.start,)
     page = open_page("Data", session)
-    assert not page.widget("data_all_windows").value
+    assert page.widget("data_windows_on").value == [second.start]
     assert f"Train on {second} (" in next(b.label for b in page.button if b.key == "data_train")
     page = open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
