@@ -156,19 +156,22 @@ class ValuesOutOfRange(Finding, frozen=True):
 
 
 class ValuesFrozen(Finding, frozen=True):
-    """A channel repeats one value while the vehicle behind the sensor moves."""
+    """A channel repeats its values while the vehicle behind the sensor moves."""
 
-    text = "The {name} of {vehicle} is frozen for {seconds:.1f} s while it moves, at {window}."
+    text = "The {name} of {vehicle} is frozen in {count} while it moves, at {where}."
 
     channel: str
     vehicle: int
     """The one whose speed, or whose gap to the vehicle ahead, it is."""
-    window: Window
-    """The longest repetition."""
+    samples: int
+    """Those that repeat the value before them, in repetitions that are too long to be motion."""
+    windows: tuple[Window, ...]
+    """These repetitions, each with the value that is repeated."""
 
     def _words(self, about: Labelled) -> Words:
+        count = "1 sample" if self.samples == 1 else f"{self.samples} samples"
         name = RECORDED[self.channel].name.lower()
-        return {"name": name, "seconds": self.window.duration}
+        return {"name": name, "count": count, "where": listed(self.windows)}
 
 
 class LittleLeaderMotion(Finding, frozen=True):
@@ -432,15 +435,44 @@ def check(recording: Recording) -> Iterator[Finding]:
             if count := int(outside.sum()):
                 far = float(end(values))
                 yield ValuesOutOfRange(channel.column, number, count, far, count / len(values))
-    for channel, number, values in channels:
-        follower = number if channel is SPEED else number + 1
-        moving = recording.speed_of(follower)[1:] > MOVING
-        most = max(stretches((values[1:] == values[:-1]) & moving), key=len, default=None)
-        shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
-        if most and len(most) * recording.sample_time > shortest:
-            equal = Stretch(most.first, most.last + 1)  # k repeats are k + 1 equal samples
-            yield ValuesFrozen(channel.column, follower, recording.window(equal))
+    yield from frozen_values(recording)[0]
     leader = recording.present[0]
     deviation = float(np.nanstd(recording.speed_of(leader)))
     if deviation < LITTLE_LEADER_MOTION:
         yield LittleLeaderMotion(leader, deviation)
+
+
+def frozen_values(
+    recording: Recording, vehicles: Sequence[int] = (), rows: slice = slice(None)
+) -> tuple[list[ValuesFrozen], Mask]:
+    """The frozen values of some vehicles, by default of all, among some samples.
+
+    Returns:
+        The findings, and a mask (N,) of the chosen samples that is True where a speed or a gap to
+        the vehicle ahead repeats the one before it for too long to be motion.
+    """
+    chosen = vehicles or recording.present
+    channels = [(SPEED, number, recording.speed_of(number)) for number in chosen]
+    channels += [
+        (GAP, number, recording.gap_behind(number - 1))
+        for number in chosen
+        if number - 1 in chosen and number - 1 in recording.followed
+    ]
+    shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
+    here = np.zeros(recording.samples, bool)
+    here[rows] = True
+    findings, is_frozen = list[ValuesFrozen](), np.zeros(recording.samples, bool)
+    for channel, follower, values in channels:
+        moving = recording.speed_of(follower)[1:] > MOVING
+        repeated, windows = np.zeros(recording.samples, bool), list[Window]()
+        for part in stretches((values[1:] == values[:-1]) & moving):
+            # k repeats are k + 1 equal samples, of which the first was measured.
+            inside = here[part.first + 1 : part.last + 2]
+            if len(part) * recording.sample_time > shortest and inside.any():
+                repeated[part.first + 1 : part.last + 2] = inside
+                windows.append(recording.window(Stretch(part.first, part.last + 1)))
+        if windows:
+            count = int(repeated.sum())
+            findings.append(ValuesFrozen(channel.column, follower, count, tuple(windows)))
+        is_frozen |= repeated
+    return findings, is_frozen[rows]

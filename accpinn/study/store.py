@@ -20,7 +20,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import isfinite
+from math import nan
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -47,6 +47,8 @@ SET_ASIDE = ".damaged"
 OWNER = ".owner"
 """Ending of the file beside another that says whose it is."""
 STATE = ".state.npz"
+ENTRIES = 2
+"""Version of the entries in the index, which are made again where they are of another one."""
 DELETED = ".deleted"
 """Ending of a file that can still be brought back."""
 ABANDONED: Seconds = 3600.0
@@ -108,8 +110,11 @@ class Entry:
     lower: tuple[tuple[float, float, float], ...] = ()
     """Lower ends of their intervals; empty where these were not computed."""
     upper: tuple[tuple[float, float, float], ...] = ()
-    time_gap: Quantity | None = None
-    """That of the first follower, in s at ``speed``; None where it has none."""
+    time_gaps: tuple[Quantity, ...] = ()
+    """Those of the followers, in s at ``speed``, with intervals; all nan where one has none. One
+    alone where all share their parameters; so are the next."""
+    growths: tuple[Quantity, ...] = ()
+    """max |H| of each; all nan where it is not determined."""
     speed: MetresPerSecond = 0.0
     fault: str = ""
     """Why it cannot be read; empty where it can."""
@@ -120,7 +125,8 @@ class Entry:
         info, found = result.info, result.estimate
         posterior = found.posterior
         lower, upper = map(_rows, interval_ends_of(posterior)) if posterior else ((), ())
-        gap = found.time_gap(found.stated_speed, 0)
+        count = 1 if info.shares(found.case) else info.followers
+        gaps = [found.time_gap(found.stated_speed, k) for k in range(count)]
         return cls(
             id=name,
             name=result.name,
@@ -139,7 +145,8 @@ class Entry:
             parameters=_rows(result.parameters),
             lower=lower,
             upper=upper,
-            time_gap=Quantity(gap.value, gap.lower, gap.upper) if isfinite(gap.value) else None,
+            time_gaps=tuple(Quantity(gap.value, gap.lower, gap.upper) for gap in gaps),
+            growths=_growths(result)[:count],
             speed=found.stated_speed,
         )
 
@@ -149,6 +156,19 @@ class Entry:
         parts = (self.name, self.note, self.source, self.campaign, self.window, self.method,
                  self.preset, self.model, self.id, self.created[:10], *self.vehicles)  # fmt: skip
         return " ".join(parts).casefold()
+
+
+def _growths(result: Result) -> tuple[Quantity, ...]:
+    """The largest gain of each follower, with its interval where there are posterior samples."""
+    report, known = result.stability, result.uncertainty
+    if report is None:
+        return (Quantity(nan, nan, nan),) * result.info.followers
+    gains = np.array([vehicle.peak.gain for vehicle in report.vehicles])
+    if known is None:
+        return tuple(Quantity(gain, nan, nan) for gain in gains.tolist())
+    gains = np.where(np.isnan(known.probability_l2), nan, gains)
+    ends = known.peak_gain.lower.tolist(), known.peak_gain.upper.tolist()
+    return tuple(map(Quantity, gains.tolist(), *ends))
 
 
 def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:
@@ -210,7 +230,12 @@ class Shelf:
                 then, content = known.get(name, ("", b""))
                 entry = _decoded(content) if then == state else None
                 entry = entry or self._indexed(index, name, state)
-                entries[name] = (None if entry.fault else as_shown.get(name)) or entry
+                shown_entry = None if entry.fault else as_shown.get(name)
+                if shown_entry and not shown_entry.growths:  # of an earlier version
+                    shown_entry = replace(
+                        shown_entry, time_gaps=entry.time_gaps, growths=entry.growths
+                    )
+                entries[name] = shown_entry or entry
         for name in () if session else known.keys() - paths.keys():
             if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
                 index.execute("delete from entries where name = ?", (name,))
@@ -385,7 +410,7 @@ def _opened(place: Path | None) -> sqlite3.Connection:
 def state_of(path: Path) -> str:
     """Time and size of a file, by which the index knows that this version has read it."""
     status = path.stat()
-    return f"{SCHEMA} {status.st_mtime_ns} {status.st_size}"
+    return f"{SCHEMA}.{ENTRIES} {status.st_mtime_ns} {status.st_size}"
 
 
 def _decoded(content: bytes) -> Entry | None:

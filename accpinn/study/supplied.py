@@ -21,7 +21,7 @@ import numpy as np
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError
-from accpinn.inference.window_posterior import count_of
+from accpinn.inference.coordinates import coordinates_of
 from accpinn.methods.registry import recommended_method
 from accpinn.storage import shipped, write_whole
 from accpinn.study.batch import batch
@@ -71,7 +71,7 @@ def keep_figures(study: Path, folder: Path) -> None:
     """
     request = read_request(study)
     assert request is not None  # a batch keeps it first
-    width = count_of(request.model)
+    width = coordinates_of(request.model).count
     folder.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(":memory:")) as kept:
         kept.execute(f"pragma page_size = {PAGE_BYTES}")

@@ -33,6 +33,7 @@ from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
+    MINUTE,
     PAGES,
     WAIT,
     WIDGETS,
@@ -79,7 +80,7 @@ def test_a_link_to_an_unknown_session_says_so_shows_a_next_step_and_makes_no_fil
     assert page.workspace().id != name
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "**Continue**" not in page.texts()
+    assert "**Recording**" not in page.texts()
     assert {*tmp_path.rglob("*")} - before <= {store().folder}
     page.run()
     assert "no longer kept" not in page.texts()
@@ -95,7 +96,7 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
     assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown, "no new widgets"
     assert shown or title == "Home"
     if title == "Home":
-        assert "**Continue**" in page.texts()
+        assert "**Recording**" in page.texts()
         assert "vehicles 2–5" in page.texts()
     session.choose(window=Window(395.0, 399.0))
     assert session.fault
@@ -318,7 +319,7 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(PAGES["Home"]).run()
-    assert "**Continue**" in page.texts(), "Home stays open"
+    assert "**Recording**" in page.texts(), "Home stays open"
 
 
 def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
@@ -381,7 +382,7 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     first, second = session.several_windows
     session.window_starts = (second.start,)
     page = open_page("Data", session)
-    assert not page.widget("data_all_windows").value
+    assert page.widget("data_windows_on").value == [second.start]
     assert f"Train on {second} (" in next(b.label for b in page.button if b.key == "data_train")
     page = open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
@@ -649,15 +650,60 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
     assert [*map(format_duration, seconds)] == words
 
 
-def test_another_window_ends_a_training() -> None:
-    session = with_sample()
+def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() -> None:
+    session = with_pair()
     session.preset = "paper"
     session.train()
-    job = session.training
-    session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
+    job, recording = session.training, session.recording
+    session.choose(window=Window(10.0, 200.0))
     assert session.window_starts == (), "a window chosen by hand is the one that counts"
+    assert session.training is None
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    assert job.is_active
+    page = open_page("Data", session)
+    assert f"{PLATOON.name}, 0–60 s" in page.plain()
+    session.preset = "fast"
+    session.train()
+    assert job.is_active, "a new training waits for it"
+    assert session.training is not job
+    page.sound().press("frame_left_0_show")
+    assert (session.recording, session.asked.window) == (recording, MINUTE)
+    assert session.training is job, "what was open with it is open again"
+    (later,) = session.left
+    page.press("frame_left_0_stop")
+    assert later.task.is_stopping or not later.task.is_active
+    session.choose(window=Window(10.0, 200.0))
+    session.undo()
+    assert session.training is job, "nor is it run twice"
+    stop_tasks(session)
+
+
+def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:
+    session = with_pair()
+    session.preset = "fast"
+    session.train()
+    job = session.training
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert job.wait(WAIT)
-    assert job.status is Status.STOPPED, "nobody could stop it any more"
+    (run,) = session.runs
+    assert run.source == PLATOON.name
+    for title in ("Home", "Train"):
+        page = open_page(title, session)
+        assert f"{'home_runs' if title == 'Home' else 'runs'}_open_{run.id}" in page.buttons
+    page.press("frame_left_0_show")
+    assert session.result.analysis.key == job.analysis.key
+    assert not session.left
+
+
+def test_a_training_in_another_session_of_mine_is_named_with_the_way_to_it() -> None:
+    session = with_pair()
+    session.preset = "paper"
+    session.train()
+    page = open_page("Home")
+    assert page.workspace() is not session
+    page.press("frame_elsewhere_0_show")
+    assert page.workspace() is session
+    stop_tasks(session)
 
 
 def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_their_result() -> None:

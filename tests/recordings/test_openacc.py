@@ -158,7 +158,7 @@ def test_5_names_and_columns_disagree(
          data.ValuesOutOfRange("Speed", 3, 2, extreme=-0.018, share=0.005)),
         (101, ["IVS1"], -2.5, data.ValuesOutOfRange("IVS", 1, 2, extreme=-2.5, share=0.005)),
         (101, ["Speed2"], 72.0, data.ValuesOutOfRange("Speed", 2, 2, extreme=72.0, share=0.005)),
-        (125, ["Speed2"], 20.0, data.ValuesFrozen("Speed", vehicle=2, window=Window(10.0, 12.5))),
+        (125, ["Speed2"], 20.0, data.ValuesFrozen("Speed", 2, 25, (Window(10.0, 12.5),))),
     ],
     ids=["missing with the gaps beside it", "a gap missing alone", "negative Doppler speeds",
          "negative gaps", "kilometres per hour", "frozen"],

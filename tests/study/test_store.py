@@ -79,7 +79,7 @@ class TestStore:
         assert (entry.id, entry.preset) == (numbered(1, whole()).analysis.key, "fast")
         assert entry.parameters[0] == tuple(whole().parameters.values[0])
         assert entry.vehicles == whole().info.labels
-        assert (entry.lower, entry.upper, np.isnan(entry.time_gap.lower)) == ((), (), True)
+        assert (entry.lower, entry.upper, np.isnan(entry.time_gaps[0].lower)) == ((), (), True)
 
     def test_an_entry_has_the_intervals_of_an_estimate_that_has_some(self, store: Store) -> None:
         result = two_windows()
@@ -87,7 +87,7 @@ class TestStore:
         (entry,) = store.entries()
         assert entry.lower[0] < entry.parameters[0] < entry.upper[0]
         gap = result.estimate.time_gap(result.estimate.stated_speed, 0)
-        assert (entry.time_gap.value, entry.time_gap.lower) == (gap.value, gap.lower)
+        assert (entry.time_gaps[0].value, entry.time_gaps[0].lower) == (gap.value, gap.lower)
         assert (entry.model, entry.preset) == ("cthp-s0-delay", "calibrated")
         assert entry.window == "0–29.5 s, 30–60 s"
 

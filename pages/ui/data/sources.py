@@ -141,12 +141,11 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
         st.session_state[TURN] = "" if workspace.pending else then
 
     show.upload(
-        "Drop a recording here: a table of speeds and gaps, from OpenACC or your own. CSV, Excel,"
-        f" Parquet or SUMO XML, also as .gz; up to {limit} MB.",
+        f"Drop a recording here: speeds and gaps, from OpenACC or your own; up to {limit} MB.",
         "data_upload",
         took,
-        help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
-        " of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
+        help="CSV, Excel, Parquet or SUMO XML, also as .gz. OpenACC: columns Time, Speed1, Speed2,"
+        " .. in m/s and IVS1, .. in m, below five rows of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
         " other table you see first how its columns are understood. A recording is kept in memory"
         " alone.",
     )

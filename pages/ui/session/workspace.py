@@ -56,11 +56,23 @@ TITLE_OF: dict[PresetName, str] = {
 """The presets' names on pages, in their order."""
 Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
+TRAINING, LEFT = "training", "earlier training"
+"""Kinds of the present training and of one that was left, which a new training does not end."""
 
 
 def digest(secret: str) -> str:
     """What the server keeps in place of a secret, as of a session's name."""
     return sha256(secret.encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """A training that goes on while something else is open, and what was open with it."""
+
+    task: Task[Result]
+    recording: Recording | None
+    restored: Result | None
+    """The result that was shown until it has one; its data where there is no recording."""
 
 
 @dataclass(eq=False)
@@ -109,6 +121,10 @@ class Workspace:
     """Followers estimated alone, by their numbers in the open recording."""
     verifications: dict[str, Task[Verification]] = field(default_factory=dict)
     """Of snapshots, by their short names."""
+    left: tuple["Left", ...] = ()
+    """Trainings that go on although something else was opened or chosen, the latest last."""
+    ended: tuple[str, ...] = ()
+    """Kinds of other tasks that ended because something else was opened or chosen, until said."""
     restored: Result | None = None
     """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
@@ -151,7 +167,10 @@ class Workspace:
         """Memory that its recordings take, and the files of its tables and batches, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
         held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
-        return known + self.dropped.nbytes + sum(file.nbytes for file in held.values())
+        others = {id(one.recording): one.recording for one in self.left if one.recording}
+        away = (other for other in others.values() if self.opened.get(other.sha256) is not other)
+        files = sum(file.nbytes for file in held.values())
+        return known + files + self.dropped.nbytes + sum(other.nbytes for other in away)
 
     @property
     def spec(self) -> ModelSpec:
@@ -296,6 +315,7 @@ class Workspace:
         else:
             window, starts = first_window(recording, complete_windows(recording, vehicles)), None
             asked = Analysis.of(recording, (window,), vehicles)
+        self._leave()
         self._leave_recording()
         self.recording = recording
         self.segment = self.validation = None
@@ -374,9 +394,15 @@ class Workspace:
             self.window_starts = ()
         elif asked.vehicles != before.vehicles:  # whose windows are others
             self.window_starts = None if self.window_starts else self.window_starts
+        self._cut()
+
+    def _cut(self) -> None:
+        """Cut the chosen window; where that is impossible, the reason is kept."""
         try:
             if self.recording:
-                self.segment = self._segment_of(self.recording, asked.window)
+                self.segment = self._segment_of(self.recording, self.asked.window)
+            elif self.restored:
+                self.segment = self.restored.segment
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
@@ -386,6 +412,9 @@ class Workspace:
         *steps, (asked, starts, result) = self.steps
         self._ask(asked)
         self.window_starts, self.restored, self.steps = starts, result, tuple(steps)
+        with suppress(ConfigError):  # the page shows what is wrong with a setting
+            if self.left and (asked_now := self.analysis()):
+                self._rejoined(asked_now)
 
     def choose_model(self, model: str) -> None:
         """Choose the model of the present preset, by its key; results stay."""
@@ -403,6 +432,8 @@ class Workspace:
                 self.restored = self.result
             self._record([self.result])
             self.choose_source("estimate")
+            if self._rejoined(asked):
+                return
             task = training_task(
                 self.id, asked, self.recording, resources.store(), self._data, anew,
                 shown_to=self._shown_to,
@@ -526,8 +557,8 @@ class Workspace:
     def tasks(self) -> tuple[Task[Any], ...]:
         """All that were asked for."""
         others = (self.reproduction,) if self.reproduction else ()
-        verifying = self.verifications.values()
-        return (*self._of_segment, *self.cars.values(), *others, *verifying)
+        verifying, left = self.verifications.values(), (one.task for one in self.left)
+        return (*self._of_segment, *self.cars.values(), *others, *verifying, *left)
 
     @property
     def _of_segment(self) -> tuple[Task[Any], ...]:
@@ -537,18 +568,66 @@ class Workspace:
     def _leave(self) -> None:
         """Make rows of the present results, and end what still runs on this segment.
 
-        A training that is stopped leaves its checkpoint, from which an equal one goes on.
+        A training goes on: its result is among the session's runs once it is there.
         """
         self._record([*self.compared, self.result])
         self.chosen_source = self.parameter_source
+        if self.training:
+            self._let_go_on(self.training)
         for task in self._of_segment:
-            task.stop()
+            if task is not self.training:
+                self.ended += (task.kind,) * task.is_active
+                task.stop()
         self.training = self.comparison = self.starts = self.judgement = self.restored = None
 
+    def _rejoined(self, asked: Analysis) -> bool:
+        """Whether a training of an equal analysis was left and still runs; it is the present one.
+
+        A training is not run twice.
+        """
+        for left in self.left:
+            earlier = left.task.analysis
+            if left.task.is_active and earlier and earlier.key == asked.key:
+                self._take_up(left)
+                return True
+        return False
+
+    def _let_go_on(self, task: Task[Result]) -> None:
+        """Put a training that runs or waits among those that were left."""
+        if task.is_active and not task.is_stopping:
+            task.kind = LEFT
+            self.left = (*self.left, Left(task, self.recording, self.restored))
+
+    def go_back(self, left: Left) -> None:
+        """Open again what was open with a training that was left, and that training."""
+        asked = left.task.analysis
+        assert asked is not None
+        self._leave()
+        if left.recording is not self.recording:
+            self._leave_recording()
+        self.recording, self.restored, self.steps = left.recording, left.restored, ()
+        if self.recording:
+            self.remember(self.recording)
+        self.validation = None
+        self.take(asked)
+        self.choose_source("estimate")
+        self._cut()
+        self._take_up(left)
+
+    def forget(self, left: Left) -> None:
+        """Name a training that was left no longer; its result stays among the runs."""
+        self.left = tuple(one for one in self.left if one is not left)
+
+    def _take_up(self, left: Left) -> None:
+        """Make a training that was left the present one again."""
+        self.forget(left)
+        left.task.kind = TRAINING
+        self.training = left.task
+
     def _leave_recording(self) -> None:
-        """Forget the cars of the recording."""
+        """Forget the cars of the recording; the estimates that still run go on."""
         for task in self.cars.values():
-            task.stop()
+            self._let_go_on(task)
         self.cars = {}
 
     def _record(self, results: Sequence[Result | None]) -> None:

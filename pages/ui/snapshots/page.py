@@ -65,7 +65,7 @@ def show_page(workspace: Workspace) -> None:
         st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        workspace, entries, "snapshots", lambda entry: _view(workspace, entry.id),
         lambda entry: _show_actions(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
