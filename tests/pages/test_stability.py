@@ -59,15 +59,15 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 3
+    assert len(page.open_tab("stability", "Criteria").figures()) == 2
 
     page.open_tab("stability", "Map")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
-    assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in page.plain()
     page.choose("frame_pictures", "PNG")
-    (_, _, plane) = page.get("plotly_chart")
+    (_, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
     page.choose("parameters_example", CASALE.title)
@@ -320,13 +320,13 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     session = fitted()
     page = open_page("Stability", session).open_tab("stability", "Measured")
     page.choose("stability_measured", 1)
-    chart = {trace.get("name"): trace for trace in page.figures()[2]["data"]}
+    chart = {trace.get("name"): trace for trace in page.figures()[1]["data"]}
     label = session.segment.labels[2]
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
-    assert not any("model" in one.get("name", "") for one in page.figures()[2]["data"])
+    assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
     page.choose("parameters_example", CASALE.title)
-    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[2]["data"])
+    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]

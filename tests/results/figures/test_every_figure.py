@@ -112,10 +112,9 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
     "laboratory.response_curves": lambda: laboratory.response_curves(
-        known_vehicles(known()), "magnitude", 0.3, 370
+        known_vehicles(known()), "magnitude", 370
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
-    "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
     "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),
