@@ -5,7 +5,7 @@ Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so 
 at once; what takes a recording names its run, windows and preset.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -306,6 +306,20 @@ def item_of(result: Result) -> PrintedItem | None:
 def rows_of(learned: Parameters, count: int) -> Parameters:
     """What was learned for so many rows of a table; one set for all where it has more rows."""
     return learned[: count if len(learned) >= count else 1]
+
+
+def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
+    """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
+    printed = [part for item in learned for part in item.verdicts]
+    agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
+    said = f"{agreeing} of {count} printed verdicts follow from the printed parameters"
+    pairs = [(item.verdicts[0], found) for item, found in learned.items() if found is not None]
+    if not pairs:
+        return f"{said}. Nothing is learned yet."
+    off = max(float(np.abs(deviations(*pair)).max()) for pair in pairs)
+    what = "all tables" if len(pairs) == len(learned) else f"{len(pairs)} of {len(learned)} tables"
+    tick = f"{TICK} " if off <= TOLERANCE and len(pairs) == len(learned) else ""
+    return f"{tick}Learned from the recordings: {what}, within {100 * off:.0f} %. {said}."
 
 
 def compared_peaks(learned: Parameters | None) -> Comparison:

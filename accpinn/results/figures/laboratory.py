@@ -37,6 +37,7 @@ from accpinn.results.figures.stability import (
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.stability.lagged import is_lagged
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, interval_ends
 
 Part = Literal["magnitude", "phase"]
@@ -92,16 +93,16 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
     the paper's model does not have, the stem ends where that curve passes without them.
     """
     chart, paints = style.Chart("conditions", 0), colours(vehicles)
-    chart.words("L₂: below 0 dB", 0.995, 0, yref="y", yanchor="top")
-    bars = list[tuple[float, float]]()
+    rules = "Paper's L₂: below 0 dB<br>Paper's L∞: below the bar"
+    chart.words(rules, 0.01, 0.995, align="left")
+    known = " without lag and delay" * is_lagged(vehicles.parameters)
     for k, (alpha, alpha_tau, beta) in enumerate(vehicles.parameters.theta.tolist()):
         if not alpha:
             continue
         asked = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
         with np.errstate(divide="ignore"):  # an undamped vehicle in resonance
             limit, level = decibels(np.sqrt((alpha + beta**2) / asked)).tolist()
-        bars.append((alpha**0.5, limit))
-        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB"
+        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{known}"
         chart.line(
             [alpha**0.5] * 2, [limit, level], CONDITION, paints[k], 1.2, "dot", opacity=0.8,
             mode="lines+markers", showlegend=False,
@@ -110,25 +111,9 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
             hover=f"L∞, the paper's D > 0: below {limit:.2f} dB at √α = {alpha**0.5:.3f} rad/s;"
             f" {words}<extra>{html.escape(vehicles.labels[k])}</extra>",
         )  # fmt: skip
-    if bars:
-        _name_bars(chart, bars, parts["layout"]["xaxis"]["range"])
     drawn = style.parts_of(chart.figure())
     parts["data"] += drawn["data"]
     parts["layout"]["annotations"] += drawn["layout"]["annotations"]
-
-
-def _name_bars(
-    chart: style.Chart, bars: Sequence[tuple[float, float]], ends: tuple[float, float]
-) -> None:
-    """Say what the bars (ω, dB) are, on the side where the logarithmic axis has more room."""
-    omega, limit = min(bars)
-    is_left = 2.0 * np.log10(omega) > sum(ends)
-    if not is_left:
-        omega, limit = max(bars)
-    chart.words(
-        "L∞, D > 0: below the bar", float(np.log10(omega)), limit, xref="x", yref="y",
-        xanchor="right" if is_left else "left", yanchor="middle", xshift=-14 if is_left else 14,
-    )  # fmt: skip
 
 
 def frequency_data(

@@ -11,6 +11,10 @@ HERE = Path(__file__).parent
 
 @cache
 def picture(name: str) -> Any:
-    """The component of the files of that name in this folder: .html, .css and .js."""
-    html, css, js = ((HERE / f"{name}.{end}").read_text("utf-8") for end in ("html", "css", "js"))
-    return components.component(f"accpinn_{name}", html=html, css=css, js=js)
+    """The component of the files of that name in this folder, behind what all pictures share."""
+    css, js = ("".join(_text(f"{of}.{end}") for of in ("drawing", name)) for end in ("css", "js"))
+    return components.component(f"accpinn_{name}", html=_text(f"{name}.html"), css=css, js=js)
+
+
+def _text(file: str) -> str:
+    return (HERE / file).read_text("utf-8")

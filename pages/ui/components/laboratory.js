@@ -1,32 +1,13 @@
 // The frequency laboratory: a slider of frequency, a mark on the response, and the cars' waves.
 // Each car's gain at every frequency comes once; moving the slider asks nothing of the server.
 
-const SVG = "http://www.w3.org/2000/svg";
-const MARGIN = { left: 62, right: 14, top: 10, bottom: 42 };
 const POINTS_A_PERIOD = 32, POINTS = 160, ROOM = 1.3, REPORT_MS = 250, NEAR = 24;
 
-const element = (name, attributes = {}, parent) => {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  parent?.append(made);
-  return made;
-};
-const written = (value, digits) => (value < 0 ? "−" : "") + Math.abs(value).toFixed(digits);
 const signed = (value, digits) => (value < 0 ? "" : "+") + written(value, digits);
 const frequency = (omega) => `${Number(omega.toPrecision(4))} rad/s`;
 
-// About so many round steps between two ends.
-const ticks = (low, high, count) => {
-  const raw = (high - low) / count, decade = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((factor) => factor * decade).find((size) => size >= raw);
-  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  const values = [];
-  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) values.push(k * step);
-  return values.map((value) => [value, written(value, digits)]);
-};
-
 // The cars' complex amplitudes at a frequency, leader first; null from one on that never settles.
-export const amplitudes = (data, at) => {
+const amplitudes = (data, at) => {
   let [re, im] = [data.amplitude, 0], settles = true;
   const chain = [[re, im]];
   for (const which of data.order) {
@@ -144,43 +125,22 @@ class Laboratory {
       this.paths[k].setAttribute("d", part ? "M" + across.map((left, i) =>
         `${left},${y(part[0] * sines[i] + part[1] * cosines[i]).toFixed(1)}`).join("L") : "");
     });
-    this.draw_axes(end, top);
+    if (this.axes_of !== `${end} ${top} ${width} ${height}`) {
+      this.axes_of = `${end} ${top} ${width} ${height}`;
+      draw_axes(this.axes, { left: MARGIN.left, top: MARGIN.top, width: w, height: h },
+        { low: 0, high: end, title: data.time }, { low: -top, high: top, title: data.speed },
+        data.grid);
+    }
     const last = sizes.length - 1, settled = sizes.indexOf(null);
     const level = (y(top) + y(most)) / 2, [from, to] = [x(period / 4), x(1.25 * period)];
     this.words.replaceChildren();
     element("path", { class: "period", stroke: data.mark,
       d: `M${from},${level - 4}v8m0,-4H${to}m0,-4v8` }, this.words);
-    const say = (text, left, at, anchor) => {
-      element("text", { x: left, y: at, "text-anchor": anchor }, this.words).textContent = text;
-    };
-    say(`one period: ${written(period, 1)} s`, to + 6, level + 4, "start");
+    say(`one period: ${written(period, 1)} s`, { x: to + 6, y: level + 4 }, this.words);
     this.svg.dataset.last = settled < 0 ? sizes[last].toFixed(2) : "";
     say(settled < 0 ? `last follower ${written(sizes[last], 2)} m/s, leader ${written(sizes[0], 2)}`
-      : `${data.names[settled]} never settles`, width - MARGIN.right, height - MARGIN.bottom - 6,
-      "end");
-  }
-
-  draw_axes(end, top) {
-    const { data, width } = this, { x, y, w, h } = this.scale, name = `${end} ${top} ${width}`;
-    if (this.drawn_axes === name && this.axes_of === data) return;
-    [this.drawn_axes, this.axes_of] = [name, data];
-    this.axes.replaceChildren();
-    const say = (text, attributes) => {
-      element("text", attributes, this.axes).textContent = text;
-    };
-    const bottom = MARGIN.top + h;
-    for (const [value, text] of ticks(0, end, w / 90)) {
-      element("path", { stroke: data.grid, d: `M${x(value)},${MARGIN.top}v${h}` }, this.axes);
-      say(text, { x: x(value), y: bottom + 16, "text-anchor": "middle" });
-    }
-    for (const [value, text] of ticks(-top, top, h / 45)) {
-      element("path", { stroke: data.grid, d: `M${MARGIN.left},${y(value)}h${w}` }, this.axes);
-      say(text, { x: MARGIN.left - 6, y: y(value) + 4, "text-anchor": "end" });
-    }
-    say(data.time, { class: "title", x: MARGIN.left + w / 2, y: bottom + 36,
-      "text-anchor": "middle" });
-    say(data.speed, { class: "title", "text-anchor": "middle",
-      transform: `translate(18 ${MARGIN.top + h / 2}) rotate(-90)` });
+      : `${data.names[settled]} never settles`,
+      { x: width - MARGIN.right, y: height - MARGIN.bottom - 6, "text-anchor": "end" }, this.words);
   }
 
   // The line nearest to the pointer, with its car and speed.

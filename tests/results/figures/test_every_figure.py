@@ -26,7 +26,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
-from accpinn.results.figures import animation, comparison, database, laboratory, platoon
+from accpinn.results.figures import comparison, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -93,7 +93,6 @@ def grouped() -> Any:
 PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
-    "animation.animation": lambda: animation.animation(*simulated(True)),
     "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
         [(NAME, point().parameters.values[0])], COLOUR, comparison.row_of(known(), 0, 20.0)
@@ -117,7 +116,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
-    "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),
+    "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),
     "platoon.speed_map": lambda: platoon.speed_map(*simulated(False)),
     "recording.overview": lambda: on_recording.overview(
         RUN, (1, 2), MADE[0], [on_recording.regime_ribbons(SEGMENT, label_regimes(SEGMENT))]
