@@ -29,7 +29,7 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import browser, frame, show
-from pages.ui.components.parameter_picker import EXAMPLE, choose_parameters
+from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
@@ -117,7 +117,8 @@ def open_eight(workspace: Workspace, vehicles: ParameterSet, which: int, omega: 
     workspace.choose_source("published")
     workspace.choices.pop("platoon_sinusoid_speed", None)
     workspace.choices.update({
-        EXAMPLE: vehicles.title, "platoon_order": "repeated", "platoon_vehicle": which,
+        EXAMPLE: vehicles.title, SHOWN: vehicles,
+        "platoon_order": "repeated", "platoon_vehicle": which,
         "platoon_followers": FOLLOWERS, "platoon_kind": "sinusoid",
         "platoon_sinusoid_frequency": omega,
     })  # fmt: skip
