@@ -16,6 +16,7 @@ from typing import Any
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.findings import joined
 from accpinn.methods.pinn.config import PresetName
 from accpinn.model.cthp import Case, Parameters
@@ -47,10 +48,12 @@ TABLE_III = [*TABLES][-1]
 CITATION = "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024."
 SECONDS: Seconds = 1.5
 """Typical time of a training by the preset fast, for each follower."""
-BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 240, 120, 56
+BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 250, 142, 56
 """Heights in pixels, with which figures and tables stand above the fold."""
-_SYMBOL = re.compile(r"\b(\w) (?=[\d+−a-z])")
-"""A parameter's symbol or a panel's letter, before its value."""
+ROW_WIDTHS = (0.75, 1.1, 4.5)
+"""Widths of a row's picture, name and cells."""
+_LETTER = re.compile(r"\b([a-d]) (?=[\d+−a-z])")
+"""A panel's letter before its value."""
 
 
 # The page
@@ -61,6 +64,7 @@ def show_page(workspace: Workspace) -> None:
     figures = learned[TABLE_III]
     _show_task(workspace, paper.verdict(learned))
     _show_figures(figures)
+    _show_headings()
     for item in TABLES:
         picture = gains_thumbnail(item.verdicts[0].vehicles, learned[item])
         _show_row(item, item.compared(learned[item]), picture)
@@ -187,19 +191,29 @@ def _show_figures(learned: Parameters | None) -> None:
         panels = zip(paper.PANELS, paper_panels(PANEL_HEIGHT), strict=True)
         for _ in range(2):
             for cell in st.columns(2):
-                panel, (title, figure) = next(panels)
-                with cell, st.container(gap="xxsmall"):
-                    show.caption(title)
+                panel, figure = next(panels)
+                with cell:
                     show.chart(figure, f"paper_panel_{panel.letter}")
+
+
+def _show_headings() -> None:
+    """The headings of the rows; on a narrow screen each cell has its own."""
+    symbols = ", ".join(quantity.symbol for quantity in PARAMETERS)
+    headings = (f"{paper.PRINTED}: {symbols}", paper.RECOMPUTED, paper.LEARNED, paper.DEVIATION)
+    with st.container(key="paper_headings"):
+        *_, cells = st.columns(ROW_WIDTHS)
+        written = (f"<div>{what}</div>" for what in headings)
+        cells.html(f'<div class="paper-row paper-headings">{"".join(written)}</div>')
 
 
 def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
     """An item: its picture and its name, and what is printed, recomputed, learned and between."""
     with st.container(key=f"paper_{_key(item)}"):
-        thumbnail, name, cells = st.columns((0.5, 1.2, 4.4), vertical_alignment="center")
+        thumbnail, name, cells = st.columns(ROW_WIDTHS, vertical_alignment="center")
         with thumbnail:
             show.picture(in_height(picture, THUMBNAIL_HEIGHT), f"paper_{_key(item)}_picture")
-        name.markdown(f"**{item.title}**  \n:small[{escape_markdown(item.subject)}]")
+        brief = item.subject.partition(":")[0]
+        name.markdown(f"**{item.title}**  \n:small[{escape_markdown(brief)}]")
         parts = {
             paper.PRINTED: comparison.printed,
             paper.RECOMPUTED: comparison.recomputed,
@@ -211,8 +225,8 @@ def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go
 
 
 def _unbroken(text: str) -> str:
-    """A cell for a web page, in which no line breaks between a symbol and its range."""
-    kept = _SYMBOL.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    """A cell for a web page, in which no line breaks behind a letter or within a range."""
+    kept = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
     return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
 
 

@@ -210,15 +210,12 @@ def time_space(
     final = [places[at, k] for k, at in enumerate(last)]
     collided = [k for k in _colliding(run) if last[k] < len(rows) - 1]
     chart = style.Chart(
-        f"platoon-time-space-{view}", height,
-        coloraxis={
-            "colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit,
-            "colorbar": {"title": {"text": SPEED.axis, "side": "top", "font": {"size": 12}},
-                         "orientation": "h", "thickness": 8, "len": 0.6, "x": 1, "xanchor": "right",
-                         "y": 1, "yanchor": "bottom", "ypad": 2, "nticks": 5},
-        },
-        margin={"l": 62, "r": 22, "t": 10, "b": 42},
+        f"platoon-time-space-{view}", height, margin={"l": 62, "r": 22, "t": 28, "b": 42},
     )  # fmt: skip
+    ends = ((0.0, middle - limit), (0.5, middle), (1.0, middle + limit))
+    shades = (f'<span style="color:{sample_colorscale(TRACK_SCALE, [at])[0]}">■</span> {speed:.1f}'
+              for at, speed in ends)  # fmt: skip
+    chart.words(f"{'  '.join(shades)} m/s", 1, 1, yanchor="bottom")
     # One line with gaps answers to the pointer, as each trace costs the browser milliseconds.
     chart.add(
         np.tile(np.append(time, np.nan), len(cast.labels)).astype(np.float32),
@@ -232,9 +229,6 @@ def time_space(
               text=[f" {number}" for number in cast.numbers], hoverinfo="skip")  # fmt: skip
     at = time[[last[k] for k in collided]]
     chart.dots(at, [final[k] for k in collided], ENDS, hover=ENDS, marker=END)
-    # Draws nothing: it brings the bar that says which colour is which speed.
-    scale = {"color": [middle - limit, middle + limit], "coloraxis": "coloraxis"}
-    chart.dots([None, None], [None, None], marker=scale)
     seen = {"road": "on the road", "leader": "seen from leader",
             "observer": f"relative to {mean:.1f} m/s"}  # fmt: skip
     chart.axis("x", TIME.axis)
@@ -363,10 +357,10 @@ def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
 
 
 @cache
-def paper_panels(height: int = 300) -> tuple[tuple[str, go.Figure], ...]:
+def paper_panels(height: int = 300) -> tuple[go.Figure, ...]:
     """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
 
-    Row by row, two a row, each with its title, all on one scale. The height is in pixels.
+    Row by row, two a row, all on one scale. The height is in pixels.
     """
     runs = [
         simulate_platoon(
@@ -380,13 +374,17 @@ def paper_panels(height: int = 300) -> tuple[tuple[str, go.Figure], ...]:
         cast = Cast(ASTAZERO, (panel.vehicle,) * PANEL_FOLLOWERS)
         driven, name = run.trajectories, ASTAZERO.labels[panel.vehicle]
         paints = colours_of(cast)
-        chart = style.Chart(f"platoon-panel-{panel.letter}", height, channels=(SPEED,))
+        chart = style.Chart(
+            f"platoon-panel-{panel.letter}", height, channels=(SPEED,),
+            margin={"l": 62, "r": 14, "t": 24, "b": 42},
+        )  # fmt: skip
         chart.axis("y", range=[run.leader.speed - reach, run.leader.speed + reach])
         for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
             _draw(chart, driven.time, cast.labels[j], paints[j], driven.speeds[:, j],
                   points=PANEL_POINTS, width=WIDTHS[j > 0], legendrank=j)  # fmt: skip
         title = f"({panel.letter}) {name.split()[0]}, {panel.frequency:g} rad/s: {_fate(run)}"
-        panels.append((title, chart.figure()))
+        chart.words(title, 0, 1, yanchor="bottom", xshift=-50)
+        panels.append(chart.figure())
     return tuple(panels)
 
 
