@@ -312,7 +312,7 @@ def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
     """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
     printed = [part for item in learned for part in item.verdicts]
     agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
-    said = f"{agreeing} of {count} verdicts recomputed"
+    said = f"{agreeing} of {count} printed verdicts agree"
     pairs = [(item.verdicts[0], found) for item, found in learned.items() if found is not None]
     if not pairs:
         return f"{said}. Nothing is learned yet."

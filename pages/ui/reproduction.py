@@ -50,6 +50,8 @@ SECONDS: Seconds = 1.5
 """Typical time of a training by the preset fast, for each follower."""
 BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 250, 142, 56
 """Heights in pixels, with which figures and tables stand above the fold."""
+PRINTED_PARAMETERS = f"{paper.PRINTED}: {', '.join(q.symbol for q in PARAMETERS)}"
+"""Heading of what a table prints."""
 ROW_WIDTHS = (0.75, 1.1, 4.5)
 """Widths of a row's picture, name and cells."""
 _LETTER = re.compile(r"\b([a-d]) (?=[\d+−a-z])")
@@ -198,8 +200,7 @@ def _show_figures(learned: Parameters | None) -> None:
 
 def _show_headings() -> None:
     """The headings of the rows; on a narrow screen each cell has its own."""
-    symbols = ", ".join(quantity.symbol for quantity in PARAMETERS)
-    headings = (f"{paper.PRINTED}: {symbols}", paper.RECOMPUTED, paper.LEARNED, paper.DEVIATION)
+    headings = (PRINTED_PARAMETERS, paper.RECOMPUTED, paper.LEARNED, paper.DEVIATION)
     with st.container(key="paper_headings"):
         *_, cells = st.columns(ROW_WIDTHS)
         written = (f"<div>{what}</div>" for what in headings)
@@ -215,7 +216,7 @@ def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go
         brief = item.subject.partition(":")[0]
         name.markdown(f"**{item.title}**  \n:small[{escape_markdown(brief)}]")
         parts = {
-            paper.PRINTED: comparison.printed,
+            PRINTED_PARAMETERS if item in TABLES else paper.PRINTED: comparison.printed,
             paper.RECOMPUTED: comparison.recomputed,
             paper.LEARNED: comparison.learned or "–",
             paper.DEVIATION: comparison.deviation or "–",

@@ -7,6 +7,7 @@ read on light and on dark pages alike; texts take the page's colour.
 
 import html
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -152,7 +153,7 @@ class Chart:
             grid: a `stack`, `row` or `matrix` of panels; by default there is one.
             channels: of a stack's panels, from the top down: titles of their axes, above time; the
                 pointer then tells all lines' values at one instant, or of more than `TOLD` that of
-                the nearest, as a box of so many lines would cover the chart.
+                the nearest: a box of so many lines would cover the chart.
             layout: further properties, in plotly's terms.
         """
         self._traces, self._shapes, self._words = list[Part](), list[Part](), list[Part]()
@@ -258,12 +259,13 @@ class Chart:
         """The figure with all that was drawn."""
         axes = {f"{name[0]}axis{name[1:]}": axis for name, axis in self._axes.items()}
         drawn = {"shapes": self._shapes, "annotations": self._words}
-        if self._has_channels and len(self._named) > TOLD:
+        lines = Counter(t.get("yaxis") for t in self._traces if t.get("hoverinfo") != "skip")
+        if self._layout["hovermode"] == "x unified" and max(lines.values(), default=0) > TOLD:
             self._tell_nearest(axes)
         return Figure({"data": self._traces, "layout": self._layout | axes | drawn})
 
     def _tell_nearest(self, axes: Mapping[str, Part]) -> None:
-        """Let the pointer tell the name, value and instant of one line, and show the instant."""
+        """Let the pointer tell one line's name and value, over time its instant, too."""
         self._layout |= {"hovermode": "closest", "hoverdistance": 40, "spikedistance": -1,
                          "hoverlabel": {"namelength": -1}}  # fmt: skip
         for name, axis in axes.items():
@@ -272,7 +274,7 @@ class Chart:
                          "spikethickness": 1, "spikedash": "dot", "spikecolor": LEADER}  # fmt: skip
         for trace in self._traces:
             told = trace.get("hovertemplate", "")
-            if "%{y" in told and "%{x" not in told:
+            if self._has_channels and "%{y" in told and "%{x" not in told:
                 value, mark, rest = told.partition("<extra>")
                 trace["hovertemplate"] = f"{value} at %{{x:.1f}} s{mark}{rest}"
 
