@@ -227,7 +227,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     order = order_of(len(vehicles), count)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     cast = Cast(vehicles, tuple(order))
-    warnings = (*messages(result.findings, cast), *contradictions(subject.result))
+    warnings = (*messages(result.findings, cast), *contradictions(subject.result, order))
 
     def document() -> dict[str, Any]:
         waves, grows = result.amplitudes, growth_of(subject, cast, result)

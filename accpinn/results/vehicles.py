@@ -93,7 +93,7 @@ class KnownVehicles:
         known, vehicles, found = self.uncertainty, self.vehicles, self.result
         at: MetresPerSecond | FloatArray = self.speed or self.median_speed
         if self.speed is None and found:
-            is_cthp = found.estimate.following.is_cthp
+            is_cthp = found.estimate.following.is_linear
             at = found.estimate.stated_speed if is_cthp else found.estimate.speeds[: len(vehicles)]
         draws, level = (known.draws, known.level) if known else (None, LEVEL)
         return margins(

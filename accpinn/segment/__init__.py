@@ -9,7 +9,7 @@ are suggested, planned for a batch and graded, and the regimes, all use this lim
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -166,6 +166,14 @@ class DrivenByHand(Finding, frozen=True):
     def sentence(self, about: Labelled) -> str:
         """The finding, weaker where ACC controls each of them for most of the time."""
         return self.filled(self.text if max(self.shares) > 0.5 else self.partly, about)
+
+    def among(self, vehicles: Collection[int]) -> "DrivenByHand | None":
+        """The same of some vehicles alone, by their numbers; None where it is of none of them."""
+        pairs = [
+            pair for pair in zip(self.vehicles, self.shares, strict=True) if pair[0] in vehicles
+        ]
+        numbers, shares = [number for number, _ in pairs], [share for _, share in pairs]
+        return DrivenByHand(tuple(numbers), tuple(shares), self.by_flag) if pairs else None
 
     def _words(self, about: Labelled) -> Words:
         modes = "flag (it gives no driver modes)" if self.by_flag else "driver modes"

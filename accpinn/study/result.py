@@ -386,9 +386,9 @@ class Result(Displayed):
         if speed is not None and not (np.isfinite(speed) and speed > 0):
             raise ParameterError(f"speed: {speed:g} m/s is not allowed; choose one above zero.")
         at: Any = found.stated_speed if speed is None else speed
-        if not model.is_cthp and speed is None:
+        if not model.is_linear and speed is None:
             at = found.speeds
-        elif not model.is_cthp:
+        elif not model.is_linear:
             for row in parameters.own:
                 model.linearised(row, at)
             parameters = model.linearisations(parameters.own.T, at)

@@ -33,8 +33,6 @@ PROBE = re.compile(r"/\w+/_stcore/(health|host-config)$")
 OVERTAKEN = re.compile(r"/media/\w+\.(csv|tex|zip|html)$|source error - 404")
 """Streamlit looks up what a download button offers; a page drawn anew meanwhile offers it under a
 new name. A button that offered nothing would fail the tests that press it."""
-CUT_OFF = "undefined"
-"""What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
 ESTIMATES = "Parameters (90"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
@@ -78,8 +76,7 @@ def watched(page: Page) -> list[str]:
             faults.append(f"{message.text} ({url})")
 
     def caught(fault: Error) -> None:
-        if str(fault) != CUT_OFF:
-            faults.append(str(fault))
+        faults.append(str(fault))
 
     def asked(dialog: Dialog) -> None:
         faults.append(f"a script ran: {dialog.message}")

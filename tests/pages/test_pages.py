@@ -18,7 +18,7 @@ from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.glossary import MEANINGS
 from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
 from accpinn.results.recording import recording_table
-from accpinn.results.reproduction import CASALE_RUN, ITEMS, learned_line, reproduction_table
+from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
 from accpinn.tasks import Status
 from pages.ui.components.monitor import monitor
@@ -26,7 +26,6 @@ from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
-from pages.ui.platoon import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import resources, sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
@@ -132,8 +131,11 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     shown = open_page("Compare", session).open_tab("compare_tabs", "Repeatability").plain()
     assert "All 5 trainings end within" in shown
     page = open_page("Reproduce", session).open_tab("paper_tabs", "One at a time")
-    page.press("paper_Figure8_panels")
-    assert session.choices[TABS] == PANELS
+    page.press("paper_Figure8_a")
+    assert session.parameter_source == "published"
+    platoon = open_page("Platoon", session)
+    assert platoon.widget("platoon_sinusoid_frequency").value == PANELS[0].frequency
+    assert "grows to 4.23 times" in platoon.plain()
 
 
 @pytest.mark.parametrize("title", ["Table I", "Table II", "Table III"])

@@ -67,7 +67,7 @@ class Row(NamedTuple):
 def row_of(result: Result, follower: int) -> Row:
     """An estimate of one follower (0 for the first)."""
     estimate = result.estimate
-    of = estimate.span if estimate.following.is_cthp else estimate.gain
+    of = estimate.span if estimate.following.is_linear else estimate.gain
     spans = [of(quantity.key, follower) for quantity in ESTIMATED]
     values = np.array([(s.value, s.lower, s.upper) for s in spans]).T
     return Row(name_of(estimate, with_model=False), estimate.model, values)

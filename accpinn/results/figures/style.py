@@ -7,6 +7,7 @@ read on light and on dark pages alike; texts take the page's colour.
 
 import html
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -45,6 +46,8 @@ LEGEND = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
 """Above a figure."""
 LINE = 20
 """Height of a line of a legend, in pixels."""
+TOLD = 5
+"""Most lines whose values the pointer tells at once."""
 POINTS = 1500
 """Largest number of points a trace; a screen has no more columns."""
 AXIS: Part = {"gridcolor": GRID, "automargin": False, "zeroline": False, "showline": False}
@@ -80,7 +83,7 @@ class Figure(go.Figure):  # type: ignore[misc]  # plotly has no types
     """
 
     def __init__(self, parts: Part) -> None:
-        """Keep the parts as they are: "data", "layout" and, of an animation, "frames"."""
+        """Keep the parts as they are: "data" and "layout"."""
         self._parts = parts
 
     def __getattr__(self, name: str) -> Any:
@@ -149,7 +152,8 @@ class Chart:
             height: in pixels.
             grid: a `stack`, `row` or `matrix` of panels; by default there is one.
             channels: of a stack's panels, from the top down: titles of their axes, above time; the
-                pointer then tells all lines' values at one instant.
+                pointer then tells all lines' values at one instant, or of more than `TOLD` that of
+                the nearest: a box of so many lines would cover the chart.
             layout: further properties, in plotly's terms.
         """
         self._traces, self._shapes, self._words = list[Part](), list[Part](), list[Part]()
@@ -159,6 +163,7 @@ class Chart:
             self.axis(f"y{panel}", quantity.axis)
         if channels:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
+        self._has_channels = bool(channels)
         hovermode = "x unified" if channels else "closest"
         self._layout = {
             "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
@@ -254,7 +259,24 @@ class Chart:
         """The figure with all that was drawn."""
         axes = {f"{name[0]}axis{name[1:]}": axis for name, axis in self._axes.items()}
         drawn = {"shapes": self._shapes, "annotations": self._words}
+        lines = Counter(t.get("yaxis") for t in self._traces if t.get("hoverinfo") != "skip")
+        if self._layout["hovermode"] == "x unified" and max(lines.values(), default=0) > TOLD:
+            self._tell_nearest(axes)
         return Figure({"data": self._traces, "layout": self._layout | axes | drawn})
+
+    def _tell_nearest(self, axes: Mapping[str, Part]) -> None:
+        """Let the pointer tell one line's name and value, over time its instant, too."""
+        self._layout |= {"hovermode": "closest", "hoverdistance": 40, "spikedistance": -1,
+                         "hoverlabel": {"namelength": -1}}  # fmt: skip
+        for name, axis in axes.items():
+            if name[0] == "x":
+                axis |= {"showspikes": True, "spikemode": "across", "spikesnap": "cursor",
+                         "spikethickness": 1, "spikedash": "dot", "spikecolor": LEADER}  # fmt: skip
+        for trace in self._traces:
+            told = trace.get("hovertemplate", "")
+            if self._has_channels and "%{y" in told and "%{x" not in told:
+                value, mark, rest = told.partition("<extra>")
+                trace["hovertemplate"] = f"{value} at %{{x:.1f}} s{mark}{rest}"
 
 
 def thumbnail() -> Chart:
@@ -369,6 +391,13 @@ def with_legend(figure: go.Figure) -> Figure:
         else:
             layout["legend"] = dict(LEGEND)
             layout["margin"]["t"] = max(layout["margin"].get("t", 0), 34)
+    return Figure(parts)
+
+
+def in_height(figure: go.Figure, height: int) -> Figure:
+    """The figure in another height, in pixels."""
+    parts = parts_of(figure)
+    parts["layout"]["height"] = height
     return Figure(parts)
 
 

@@ -319,13 +319,13 @@ def platoon_pictures(
     profiles = with_legend(platoon_figures.profiles(run, cast, linear=run.linear))
     shades = " Light to dark: first to last follower." if len(vehicles) == 1 else ""
     dashed = " Dashed: by the linearisation." if run.linear else ""
-    amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
+    growth = platoon_figures.growth_by_vehicle(run, cast)
     who = f"The {len(order)} followers in their order"
     if len(vehicles) == 1:
         who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
     pictures = (
         Picture("platoon", profiles, f"Speeds and gaps.{shades}{dashed}"),
-        Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
+        Picture("amplitude", growth, "Amplitude of the speed along the platoon; ticks: by |H|."),
     )
     return run, cast, pictures, who
 

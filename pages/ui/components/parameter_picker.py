@@ -102,7 +102,8 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     if not (result := chosen.result):
         return chosen
     about.caption(frame.segment_line(result.info, result.analysis.case, result.analysis.windows))
-    show.not_acc(result.info)
+    if page != "platoon":  # which has only some of the vehicles, and says it of these
+        show.not_acc(result.info)
     if not (missing := unfinished(result.estimate)):
         return chosen
     with st.container(border=True):

@@ -26,7 +26,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
-from accpinn.results.figures import animation, comparison, control, database, laboratory, platoon
+from accpinn.results.figures import comparison, control, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -98,7 +98,6 @@ def grouped() -> Any:
 PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
-    "animation.animation": lambda: animation.animation(*simulated(True)),
     "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
         [comparison.Row(NAME, "cthp", point().parameters.values[0])],
@@ -124,13 +123,12 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "control.impulse_response": lambda: control.impulse_response(known_vehicles(known()), 0),
     "control.margin_forest": lambda: control.margin_forest(known_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
-        known_vehicles(known()), "magnitude", 0.3, 370
+        known_vehicles(known()), "magnitude", 370
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
-    "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
-    "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),
+    "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),
     "platoon.speed_map": lambda: platoon.speed_map(*simulated(False)),
     "recording.overview": lambda: on_recording.overview(
         RUN, (1, 2), MADE[0], [on_recording.regime_ribbons(SEGMENT, label_regimes(SEGMENT))]
