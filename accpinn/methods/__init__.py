@@ -15,7 +15,7 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.findings import joined
 from accpinn.methods.estimate import Checkpoint, Estimate, OnProgress, ShouldStop
 from accpinn.methods.forecast import Phase
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
@@ -114,6 +114,9 @@ class Method:
     phases: Callable[[Segments, Any, ModelSpec], Mapping[str, Phase]] | None = None
     """Its phases by name on windows with settings and a model, in their order; None where it tells
     no progress."""
+    initial: Callable[[Segments, Any, ModelSpec], tuple[str, Parameters]] | None = None
+    """The parameters (M,) at which its search begins on windows with settings and a model, and the
+    key of the model that they are of; None where nothing is sought step by step."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
     models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)

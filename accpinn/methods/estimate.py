@@ -31,9 +31,7 @@ class Outcome(NamedEnum):
     CONVERGED = "Converged: further iterations would not noticeably change the estimate."
     FILTERED = "Filtered: every instant was processed once, in the order of time."
     FINISHED = "Finished: all planned iterations were run; the estimate may still change."
-    STOPPED = (
-        "Stopped by the user: the parameters are those of the last iteration; it can be continued."
-    )
+    STOPPED = "Stopped by the user: the parameters are those of the last iteration."
     DIVERGED = (
         "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
         " learning rate or from other initial values."

@@ -142,7 +142,7 @@ class Drives:
         """The same of one window of W followers (W,), nan of those that diverge or are unknown."""
         theta = np.array([value_of(model.key, parameters, name) for name in model.names])
         gaps, speeds = np.moveaxis(self.simulated(model, theta), 1, 0)
-        time = self.step * np.arange(len(gaps))
+        time = self.step * np.arange(len(gaps), dtype=np.float64)
         return Trajectories(time, np.column_stack([self.ahead[::2, 0], speeds]), gaps)
 
 
@@ -502,7 +502,7 @@ def fit(
             replace(moment, phase=CURVES, iteration=0, iterations=1, seconds=seconds)
         )
     findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
-    for row, best in found:
+    for row, best in [] if context.is_stopped else found:  # what the data say shows at its end
         vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
         if best.undetermined:
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
@@ -561,22 +561,24 @@ def round_seconds(segments: Segments) -> Seconds:
     return 2.2e-4 * longest + 1e-6 * size
 
 
-def drawing_seconds(segments: Segments, model: str) -> Seconds:
-    """Typical time of a simulation of each follower behind the measured vehicle ahead."""
-    each = 1e-6 if FOLLOWING[model].is_cthp else 6e-5
-    return each * sum(segment.samples for segment in segments) * segments[0].followers
-
-
 def _phases(segments: Segments, _settings: None, spec: ModelSpec) -> Mapping[str, Phase]:
     return {
         PARAMETERS: Phase(USUAL_ROUNDS, round_seconds(segments)),
-        CURVES: Phase(1, 6e-5 * sum(s.samples for s in segments) * segments[0].followers),
+        CURVES: Phase(1, 6e-5 * segments[0].followers * sum(s.samples for s in segments)),
     }
+
+
+def _initial(segments: Segments, _settings: None, spec: ModelSpec) -> tuple[str, Parameters]:
+    """The first of the parameter sets from which the search begins, the typical one."""
+    model = spec.following
+    scores = np.clip(np.zeros((1, len(model.parameters))), *bounds_of(model, spec.fixed))
+    theta = np.repeat(model.values_at(scores), segments[0].followers, axis=1)
+    return spec.model, model.linearisations(theta, median_speeds(segments))
 
 
 METHOD = Method(
     KEY, "Simulation", fit, typical_seconds=1.4, version=3, is_closed_loop=True,
-    phases=_phases,
+    phases=_phases, initial=_initial,
     models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
     posterior=lambda _: "simulation",
     summary="the parameters whose closed-loop simulation is nearest the recording",

@@ -119,9 +119,7 @@ def estimate(
     return replace(found, seconds=point.seconds + perf_counter() - started)
 
 
-def _moment(
-    phase: str, history: History, done: int, steps: int, seconds: Seconds
-) -> Progress:
+def _moment(phase: str, history: History, done: int, steps: int, seconds: Seconds) -> Progress:
     """A moment of a phase that follows when the point is known."""
     likelihood = history.log_likelihood
     return Progress(

@@ -291,7 +291,7 @@ def get_ready() -> None:
     is kept from the collector. Linear algebra takes one thread each.
     """
     # Whole before PyTorch: it looks into what another thread has half imported, and a page fails.
-    import scipy.interpolate  # noqa: F401
+    import scipy.interpolate
     import scipy.stats  # noqa: F401
 
     from accpinn.methods.pinn import calibrated, fast  # noqa: F401  (with PyTorch)

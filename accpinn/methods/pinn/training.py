@@ -35,6 +35,7 @@ from accpinn.methods.pinn.config import (
     PinnConfig,
     PresetName,
 )
+from accpinn.methods.pinn.initial import initial_parameters
 from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
@@ -368,6 +369,7 @@ METHOD = Method(
     variant=_variant,
     duration=typical_seconds,
     phases=_phases,
+    initial=initial_parameters,
     redraw=redraw,
     models=_models,
     posterior=_posterior,
