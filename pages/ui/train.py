@@ -125,7 +125,7 @@ def _show_training(workspace: Workspace) -> None:
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = result is not None and not is_active
     with st.container(key="later_1_train" if done else "train_controls"):
-        _controls(workspace)
+        asked = _controls(workspace)
     if training and training.status is Status.RUNNING:
         _show_live(workspace, training)
         return
@@ -138,7 +138,7 @@ def _show_training(workspace: Workspace) -> None:
             lambda: _next_button(workspace, result),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
-    elif asked := training.analysis if training and is_active else show.attempt(workspace.analysis):
+    elif asked := training.analysis if training and is_active else asked:
         _show_beginning(workspace, asked)
 
 
@@ -254,7 +254,8 @@ def _next_button(workspace: Workspace, result: Result) -> None:
         frame.go(frame.STABILITY, workspace)
 
 
-def _controls(workspace: Workspace) -> None:
+def _controls(workspace: Workspace) -> Analysis | None:
+    """Draw what a training is chosen by; what it would answer is None where that is refused."""
     preset = workspace.preset
     asked = show.attempt(workspace.analysis)
     with st.container(horizontal=True, vertical_alignment="bottom"):
@@ -276,6 +277,7 @@ def _controls(workspace: Workspace) -> None:
     if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)
+    return asked
 
 
 def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
