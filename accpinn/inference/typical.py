@@ -8,7 +8,7 @@ differ, give draws of the typical value of the vehicle and of what a further win
 mean along a curved ridge is no parameter set that anything supports.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 
@@ -20,10 +20,11 @@ from accpinn.inference.coordinates import coordinates_of, free_of, log_prior_of_
 from accpinn.inference.intervals import FEW, LEVEL, effective_draws, within
 from accpinn.inference.population import CHAINS, KEPT, Car, sampled_population
 from accpinn.inference.window_posterior import WindowPosterior, window_posterior
-from accpinn.methods import PosteriorKind, Segments, one_thread
+from accpinn.methods import PosteriorKind, Segments, one_thread, simulation
 from accpinn.methods.estimate import Estimate, Posterior
+from accpinn.methods.forecast import INTERVALS, VARIATION, Phase
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import time_gap, value_of
+from accpinn.model.registry import PAPER, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.units import FloatArray, Seconds, interval_ends
 
@@ -134,7 +135,7 @@ def with_posterior(
     segments: Segments,
     kind: PosteriorKind,
     *,
-    on_window: Callable[[int], object] | None = None,
+    on_step: Callable[[str, int, int], object] | None = None,
     should_stop: Callable[[], bool] | None = None,
     level: float = LEVEL,
 ) -> Estimate:
@@ -144,19 +145,20 @@ def with_posterior(
         estimate: the point.
         segments: (K,) the windows that it is of.
         kind: what the posterior of a window comes from.
-        on_window: called with the number of windows that are done.
+        on_step: called with the phase, and how many of its windows or followers are done.
         should_stop: asked before each window; True leaves the estimate without a posterior.
         level: share of the intervals that are to cover the truth.
     """
     spec, case, model = estimate.spec, estimate.case, estimate.model
     space = coordinates_of(model)
+    step = on_step or (lambda *_: None)
     windows: list[WindowPosterior] = []
-    for segment in segments:
+    for done, segment in enumerate(segments):
+        step(INTERVALS, done, len(segments))
         if should_stop and should_stop():
             return estimate
         windows.append(window_posterior(segment, case, spec, kind))
-        if on_window:
-            on_window(len(windows))
+    step(INTERVALS, len(segments), len(segments))
     speeds, followers = estimate.speeds, range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
     likely = np.array([window.likely for window in windows])
@@ -168,7 +170,12 @@ def with_posterior(
     own = Parameters.of(np.array([window.estimates for window in windows]))
     if not estimate.following.is_linear:
         own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
-    cars = [_around(car_of(likely[:, k], spec), estimate, k, level) for k in followers]
+    cars: list[Car] = []
+    for k in followers:
+        step(VARIATION, k, len(followers))
+        if should_stop and should_stop():
+            return estimate
+        cars.append(_around(car_of(likely[:, k], spec), estimate, k, level))
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
         """(n, M) from coordinates (n, p) of each of M followers."""
@@ -200,6 +207,21 @@ def with_posterior(
         ),
     )
     return replace(estimate, posterior=posterior, windows=own)
+
+
+def posterior_phases(
+    segments: Segments, spec: ModelSpec, kind: PosteriorKind
+) -> Mapping[str, Phase]:
+    """The phases of `with_posterior`."""
+    windows, followers = len(segments), segments[0].followers
+    each = (0.14 if spec.model != PAPER else 0.1) * followers
+    if kind == "simulation":  # each window is searched by itself
+        alone = [simulation.round_seconds((segment,)) for segment in segments]
+        each += simulation.USUAL_ROUNDS * sum(alone) / windows
+    return {
+        INTERVALS: Phase(windows, each),
+        VARIATION: Phase(followers, 0.06 + 0.02 * windows),
+    }
 
 
 def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[PosteriorFinding, ...]:

@@ -14,7 +14,8 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.findings import joined
 from accpinn.methods.estimate import Checkpoint, Estimate, OnProgress, ShouldStop
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.methods.forecast import Phase
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
@@ -70,6 +71,8 @@ class TaskContext:
     """Asked several times a second; True ends an iterative method early."""
     on_estimate: Callable[[Estimate], object] | None = None
     """Called with the point as soon as it is known, before its intervals are."""
+    with_checks: bool = False
+    """Whether `study.run` also computes what a page shows beside the estimate, as a last phase."""
 
     @property
     def is_stopped(self) -> bool:
@@ -108,6 +111,12 @@ class Method:
     line may bridge."""
     duration: Callable[[Segments, Any], Seconds] | None = None
     """How long it takes on windows with settings, where that depends on these."""
+    phases: Callable[[Segments, Any, ModelSpec], Mapping[str, Phase]] | None = None
+    """Its phases by name on windows with settings and a model, in their order; None where it tells
+    no progress."""
+    initial: Callable[[Segments, Any, ModelSpec], tuple[str, Parameters]] | None = None
+    """The parameters (M,) at which its search begins on windows with settings and a model, and the
+    key of the model that they are of; None where nothing is sought step by step."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
     models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)

@@ -31,9 +31,7 @@ class Outcome(NamedEnum):
     CONVERGED = "Converged: further iterations would not noticeably change the estimate."
     FILTERED = "Filtered: every instant was processed once, in the order of time."
     FINISHED = "Finished: all planned iterations were run; the estimate may still change."
-    STOPPED = (
-        "Stopped by the user: the parameters are those of the last iteration; it can be continued."
-    )
+    STOPPED = "Stopped by the user: the parameters are those of the last iteration."
     DIVERGED = (
         "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
         " learning rate or from other initial values."
@@ -233,8 +231,9 @@ class Progress:
     """What runs: "start", "Adam", "L-BFGS", ..."""
     iteration: int
     iterations: int
-    """How many are planned at most."""
+    """How many are expected until the end of the phase, at most those planned."""
     seconds: Seconds
+    """Since the estimation began, without pauses."""
     total: float
     data: float
     physics: float
@@ -249,7 +248,7 @@ class Progress:
     """The motion in the first window by the present estimate: the network's curves, or the drive
     simulated by the present parameters; only now and then, as it costs time."""
     left: Seconds | None = None
-    """Time left, where the method can tell it better than its rate of iterations does."""
+    """Time until all is done, later phases included; see `methods.forecast`."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ Methodology 28 (2002) 169-181, for few blocks.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import chain, pairwise
@@ -49,6 +50,7 @@ from accpinn.methods.estimate import (
     SimulatedSeparately,
     Undetermined,
 )
+from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
@@ -77,8 +79,8 @@ STARTS, LATE_STARTS = 2, 4
 """Parameter sets from which each search begins, and one with a lag or a delay before a model that
 is no CTHP: the typical set and draws from the prior. They mostly end in the same maximum, see
 docs/validation.md."""
-ROUNDS = 40
-"""Most steps of a search."""
+ROUNDS, USUAL_ROUNDS = 40, 25
+"""Most steps of a search, and those that many take."""
 CONVERGED = 1e-4
 """Decrease of the objective in one step below which a search ends."""
 ALIKE = 5
@@ -135,6 +137,13 @@ class Drives:
         """(K+1, 2, W) gaps and speeds by θ (n, W) from the first measured state on."""
         start = self.gaps[:1], self.speeds[:1]
         return np.asarray(model.integrate(theta[:, None], self.ahead, *start, self.step)[:, :, 0])
+
+    def motion(self, model: FollowingModel, parameters: Parameters) -> Trajectories:
+        """The same of one window of W followers (W,), nan of those that diverge or are unknown."""
+        theta = np.array([value_of(model.key, parameters, name) for name in model.names])
+        gaps, speeds = np.moveaxis(self.simulated(model, theta), 1, 0)
+        time = self.step * np.arange(len(gaps), dtype=np.float64)
+        return Trajectories(time, np.column_stack([self.ahead[::2, 0], speeds]), gaps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -469,19 +478,31 @@ def fit(
             theta[:, row] = own[:, None]
         return model.linearisations(theta, speeds)
 
+    live, pace = Drives.of([first.pair(k) for k in range(first.followers)], model), Pace()
+
     def note(rows: list[list[int]], turn: int, z: FloatArray, value: FloatArray) -> None:
         now = parameters_of(rows, [*model.values_at(z).T])
         moment = Progress(
-            "parameters", turn, ROUNDS, time.perf_counter() - started, float(value.sum()),
+            PARAMETERS, turn, max(USUAL_ROUNDS, min(turn + 2, ROUNDS)),
+            time.perf_counter() - started, float(value.sum()),
             np.nan, np.nan, np.nan, now[:1] if is_shared else now,
         )  # fmt: skip
         recorder.add(moment)
         if context.on_progress:
-            context.on_progress(replace(moment, curves=_driven(first, model, now)))
+            curves = pace.drawn(lambda: live.motion(model, now))
+            context.on_progress(replace(moment, curves=curves))
+            last.append(moment)
 
+    last = deque[Progress](maxlen=1)
     found = _searched(segments, case, spec, context.should_stop, note)
+    for moment in last:
+        assert context.on_progress
+        seconds = time.perf_counter() - started
+        context.on_progress(
+            replace(moment, phase=CURVES, iteration=0, iterations=1, seconds=seconds)
+        )
     findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
-    for row, best in found:
+    for row, best in [] if context.is_stopped else found:  # what the data say shows at its end
         vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
         if best.undetermined:
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
@@ -533,8 +554,31 @@ def _driven(segment: Segment, model: FollowingModel, parameters: Parameters) -> 
     return Trajectories(segment.time, speeds, gaps)
 
 
+def round_seconds(segments: Segments) -> Seconds:
+    """Typical time of a step of the search: that of the longest simulation, and of all."""
+    longest = max(segment.window.duration for segment in segments)
+    size = sum(segment.samples for segment in segments) * segments[0].followers
+    return 2.2e-4 * longest + 1e-6 * size
+
+
+def _phases(segments: Segments, _settings: None, spec: ModelSpec) -> Mapping[str, Phase]:
+    return {
+        PARAMETERS: Phase(USUAL_ROUNDS, round_seconds(segments)),
+        CURVES: Phase(1, 6e-5 * segments[0].followers * sum(s.samples for s in segments)),
+    }
+
+
+def _initial(segments: Segments, _settings: None, spec: ModelSpec) -> tuple[str, Parameters]:
+    """The first of the parameter sets from which the search begins, the typical one."""
+    model = spec.following
+    scores = np.clip(np.zeros((1, len(model.parameters))), *bounds_of(model, spec.fixed))
+    theta = np.repeat(model.values_at(scores), segments[0].followers, axis=1)
+    return spec.model, model.linearisations(theta, median_speeds(segments))
+
+
 METHOD = Method(
     KEY, "Simulation", fit, typical_seconds=1.4, version=3, is_closed_loop=True,
+    phases=_phases, initial=_initial,
     models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
     posterior=lambda _: "simulation",
     summary="the parameters whose closed-loop simulation is nearest the recording",

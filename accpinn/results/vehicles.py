@@ -93,8 +93,10 @@ class KnownVehicles:
         known, vehicles, found = self.uncertainty, self.vehicles, self.result
         at: MetresPerSecond | FloatArray = self.speed or self.median_speed
         if self.speed is None and found:
-            is_cthp = found.estimate.following.is_linear
-            at = found.estimate.stated_speed if is_cthp else found.estimate.speeds[: len(vehicles)]
+            is_linear = found.estimate.following.is_linear
+            at = (
+                found.estimate.stated_speed if is_linear else found.estimate.speeds[: len(vehicles)]
+            )
         draws, level = (known.draws, known.level) if known else (None, LEVEL)
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from accpinn.errors import SegmentError
-from accpinn.methods import TaskContext
+from accpinn.methods import TaskContext, forecast
 from accpinn.methods.estimate import Outcome, Progress, Undetermined
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, optima
@@ -121,18 +121,25 @@ def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimat
 
 
 @pytest.mark.parametrize("case", ["I", "II"])
-def test_its_rounds_can_be_watched_and_stopped(case: Case) -> None:
+def test_its_rounds_can_be_watched_and_stopped(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forecast, "CURVE_EVERY", 0.0)
+    monkeypatch.setattr(forecast, "DRAWING_SHARE", np.inf)
     windows = tuple(driven((LAW, LAW), duration=seconds) for seconds in (40.0, 60.0))
     method, spec, seen = METHODS["simulation"], ModelSpec("cthp-s0"), list[Progress]()
     found = method.fit(windows, case, None, TaskContext(on_progress=seen.append), spec)
     assert found.outcome is Outcome.CONVERGED
+    *seen, last = seen
+    assert last.phase == forecast.CURVES
     assert [moment.iteration for moment in seen] == [*range(found.iterations + 1)]
     assert (np.diff(found.history.total) <= 1e-9).all(), "the best of its starts so far"
     sets = 1 if case == "I" else 2
     np.testing.assert_allclose(found.parameters.values, [LAW] * 2, rtol=0.01)
     assert seen[-1].parameters == found.history.parameters[-1]
     np.testing.assert_allclose(seen[-1].parameters.complete, found.parameters.complete[:sets])
-    errors = [np.abs(moment.curves.gaps - windows[0].gaps).mean() for moment in seen]
+    drives = [moment.curves for moment in seen if moment.curves]
+    assert len(drives) == len(seen)
+    measured = windows[0].gaps[np.searchsorted(windows[0].time, drives[0].time - 1e-6)]
+    errors = [np.abs(drive.gaps - measured).mean() for drive in drives]
     assert errors[0] > 1.0 > 0.1 > errors[-1]
     stopped = method.fit(windows, case, None, TaskContext(should_stop=after(2)), spec)
     assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, 2)

@@ -3,25 +3,30 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.findings import capital
-from accpinn.methods.estimate import Continued, Outcome
+from accpinn.methods import TaskContext
+from accpinn.methods.estimate import Continued, Outcome, Progress
+from accpinn.methods.forecast import INTERVALS
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.results.figures.training import SIMULATION
 from accpinn.results.glossary import MEANINGS
 from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
 from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
-from accpinn.tasks import Status
-from pages.ui.components.monitor import monitor
+from accpinn.study.run import run
+from accpinn.tasks import Status, Task
+from pages.ui.components.monitor import monitor, progress_parts
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -37,6 +42,7 @@ from tests.support.apptest import (
     WAIT,
     WIDGETS,
     fitted,
+    numbers,
     open_page,
     read,
     stop_tasks,
@@ -457,7 +463,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page.open_tab("train_tabs", "Numbers")
     assert about_truth(session.true_parameters, session.result.estimate) in page.plain()
     assert len(page.figures()) == 1
-    assert len(page.open_tab("train_tabs", "Training").figures()) == 5
+    assert len(page.open_tab("train_tabs", "Training").figures()) == 3
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     assert "train_start" in page.buttons
     assert "train_stop" not in page.buttons
@@ -529,9 +535,97 @@ def test_a_training_of_another_model_shows_its_own_parameters() -> None:
     page.sound()
     assert session.result.estimate.model == "idm"
     assert capital(PAPERS_POINT) not in page.plain(), "it is not the paper's"
-    figures = page.open_tab("train_tabs", "Training").figures()
-    titles = [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
-    assert titles[-5:] == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
+    layout = page.open_tab("train_tabs", "Training").figures()[-1]["layout"]
+    titles = [layout[f"yaxis{k}"]["title"]["text"] for k in range(2, 7)]
+    assert titles == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
+
+
+def curve_names(figure: dict[str, Any]) -> set[str]:
+    return {trace["name"] for trace in figure["data"] if "name" in trace}
+
+
+def test_before_a_training_the_page_shows_its_data_and_the_drive_by_the_initial_values() -> None:
+    session = with_pair()
+    page = open_page("Train", session)
+    (figure,) = page.figures()
+    assert curve_names(figure) == {"data", SIMULATION}
+    assert "α = 1 1/s², β = 1 1/s, τ = 1 s" in page.plain()
+    session.choose_model("idm")
+    assert "s₀ = 4 m" in page.sound().plain(), "those at which its search begins"
+    assert curve_names(page.figures()[0]) == {"data", SIMULATION}
+
+
+def test_live_charts_take_the_place_of_an_older_result_whose_strip_comes_after_them() -> None:
+    session = fitted()
+    older, done = session.result, session.training
+    session.restored = older
+    task = Task(session.id, "training", lambda _: iter(()), analysis=older.analysis)
+    session.training, task.status = task, Status.RUNNING
+    page = open_page("Train", session)
+    assert progress_parts(task) == ["Getting ready …"]
+    assert [curve_names(figure) for figure in page.figures()] == [{"data", SIMULATION}]
+    curves = older.curves[0]
+    for k in range(3):
+        now = older.history.parameters[k]
+        moment = Progress("parameters", k, 9, k, *[1.0] * 4, now, curves=curves, left=60.4)
+        task._note(moment)
+    page.sound()
+    assert progress_parts(task) == ["Parameters", "iteration 2", "about 1 min left"]
+    live, moved = page.figures()
+    assert curve_names(live) == {"data", "simulation so far"}
+    assert set(older.info.labels[1:]) <= curve_names(moved)
+    assert not page.get("tab"), "the older result's tabs"
+    assert "strip-row" in page.everything()
+    assert "train_stop" in page.buttons
+    page.choose("train_follower", page.widget("train_follower").options[1])
+    assert page.figures()[0]["layout"]["uirevision"] == "tracking-4"
+    task.finish(older)
+    session.training = done
+
+
+def test_a_slider_goes_through_the_iterations_of_any_result_and_ends_at_its_simulation() -> None:
+    session = fitted()
+    page = open_page("Train", session).open_tab("train_tabs", "Training")
+
+    def lines() -> tuple[Any, float]:
+        *_, curves, moved = page.figures()
+        simulation = next(line for line in curves["data"] if line["name"] == SIMULATION)
+        mark = next(line for line in moved["data"] if line.get("name") == "chosen iteration")
+        return numbers(simulation["y"]), float(mark["x"][0])
+
+    last, at = lines()
+    shown = next(line for line in page.figures()[0]["data"] if line["name"] == SIMULATION)
+    np.testing.assert_array_equal(last, numbers(shown["y"]))
+    assert at == session.result.history.iteration[-1]
+    (slider,) = page.select_slider
+    slider.set_value(slider.options[0])
+    page.sound()
+    first, at = lines()
+    assert at == session.result.history.iteration[0]
+    assert np.abs(first - last).max() > 1.0
+
+
+@pytest.mark.parametrize("model", ["cthp-s0-delay", "idm"])
+def test_what_was_stopped_before_its_intervals_says_nothing_of_them(model: str) -> None:
+    session = with_pair()
+    session.choose_model(model)
+    asked = session.analysis()
+    stopped: list[bool] = []
+    context = TaskContext(
+        on_progress=lambda now: stopped.append(now.phase == INTERVALS),
+        should_stop=lambda: any(stopped),
+    )
+    result = run(asked, session.recording, segments=session.segments, context=context)
+    assert result.posterior is None
+    task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
+    session.training = task
+    task.finish(result)
+    assert result.weaknesses == ()
+    for title in ("Train", "Stability", "Platoon"):
+        page = open_page(title, session)
+        said = re.sub("with(out)? intervals", "", page.plain())
+        for word in ("interval", "robability", "posterior", "% band", "identified"):
+            assert word not in said, (title, word)
 
 
 def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
@@ -541,8 +635,9 @@ def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
     task = session.training
     task.results, task.status = (), Status.RUNNING
     task._know(point)
+    task._note(Progress("intervals", 0, 1, 1.0, *[0.0] * 4, whole.parameters, left=2.0))
     shown = open_page("Train", session).plain()
-    assert "its intervals follow" in shown
+    assert progress_parts(task)[:2] == ["Intervals", "window 1 of 1"]
     known = cards(replace(whole, estimate=point), together=True)
     assert all(card.lead in shown for card in known)
     task.finish(whole)

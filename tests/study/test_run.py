@@ -11,6 +11,7 @@ from accpinn.errors import AccpinnError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import CacheProblem, Estimate, Outcome, Progress
+from accpinn.methods.forecast import CURVES, INTERVALS, PARAMETERS, VARIATION
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -111,17 +112,19 @@ class TestCourse:
         result = run(asked(recording, "pinn", windows=TWO), recording, context=watched.context)
         first, told = [what for what in watched.seen if isinstance(what, Estimate)]
         at = watched.seen.index(told)
-        phases = watched.seen[: at - 1]
-        assert set(phases) == {"parameters"}
-        assert watched.seen[at + 1 :] == ["intervals"] * 3, "before, and after each window"
+        phases = [phase for phase in watched.seen if phase == PARAMETERS]
+        assert watched.seen[: at - 2] == phases
+        assert watched.seen[at - 2 : at] == [first, CURVES]
+        assert watched.seen[at + 1 :] == [*[INTERVALS] * 3, VARIATION], "by window and follower"
         assert (len(first.curves), len(told.curves)) == (0, 2), "at first without its curves"
         for one in (first, told):
             assert (one.posterior, one.windows, one.outcome) == (None, None, Outcome.CONVERGED)
             assert one.parameters == result.parameters
         assert result.estimate.seconds > told.seconds
-        assert [moment.iteration for moment in watched.moments[-3:]] == [0, 1, 2]
-        assert watched.moments[-1].iterations == 2
-        assert watched.moments[-1].left == 0.0
+        intervals = [moment for moment in watched.moments if moment.phase == INTERVALS]
+        assert [moment.iteration for moment in intervals] == [0, 1, 2]
+        assert {moment.iterations for moment in intervals} == {2}
+        assert all(moment.left > 0.0 for moment in watched.moments), "there is always a next phase"
         assert watched.moments[-1].parameters == result.history.parameters[-1]
         assert len(result.history.iteration) == len(phases), "the point's alone"
         assert result.posterior.windows_lower.values.shape == (2, 1, 3)

@@ -20,6 +20,7 @@ import numpy as np
 
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate, Outcome, Progress, WeaklyDetermined, for_window
+from accpinn.methods.forecast import PARAMETERS
 from accpinn.methods.joint_likelihood import UNKNOWNS, Rise, rising, smoothed, without_bounds
 from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
@@ -43,8 +44,9 @@ from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, frozen
 
-ROUNDS_PER_MODEL = 25
-"""Rounds that a search usually takes, for the time left."""
+FIRST_ROUNDS, FURTHER_ROUNDS = 20, 14
+"""Rounds that a search usually takes: that of the CTHP, and from there that of a model with further
+terms."""
 
 
 class CalibratedTraining(Training):
@@ -56,7 +58,8 @@ class CalibratedTraining(Training):
         super().__init__(segments, case, config, spec)
         self.outcome = None
         self._iteration = 0
-        self._searches = 1 if spec.model == PAPER else 2
+        self._last_begins: int | None = None
+        """Iteration at which the search of the model that is asked for began."""
         self._rounds = rising(segments, case, spec, initial=config.initial)
         self._at: Rise = next(self._rounds)
         self._note()
@@ -77,9 +80,9 @@ class CalibratedTraining(Training):
         """Look at the present moment."""
         value = float(self._at.value.sum())
         self.progress = Progress(
-            phase="parameters",
+            phase=PARAMETERS,
             iteration=self._iteration,
-            iterations=max(self._iteration + 1, self._searches * ROUNDS_PER_MODEL),
+            iterations=self._expected_rounds(),
             seconds=0.0,
             total=np.nan,
             data=np.nan,
@@ -93,6 +96,16 @@ class CalibratedTraining(Training):
         self.outcome = Outcome.FINISHED if is_late else None
         if not np.isfinite(value):
             self.outcome = Outcome.DIVERGED
+
+    def _expected_rounds(self) -> int:
+        """The iteration at which the search probably ends."""
+        if self._at.form == self.spec.model and self._last_begins is None:
+            self._last_begins = self._iteration
+        if self.spec.model == PAPER:
+            return max(self._iteration + 2, FIRST_ROUNDS)
+        if self._last_begins is None:
+            return max(self._iteration + 2, FIRST_ROUNDS) + FURTHER_ROUNDS
+        return max(self._iteration + 2, self._last_begins + FURTHER_ROUNDS)
 
     def _solution(self) -> Solution:
         """(M, 3) the present parameters."""

@@ -242,6 +242,11 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
+CYCLE = 50
+"""Adam iterations of the preset `fast` between exact solves."""
+USUAL_ROUNDS, USUAL_CYCLES = {True: 8, False: 15}, {True: 1.5, False: 4.0}
+"""Its usual numbers of exact rounds and of cycles, for the paper's model and for any other."""
+
 FAST = PinnConfig("fast")
 """Fourier input features, exact output layer and parameters, Adam on the hidden layers."""
 

@@ -42,8 +42,8 @@ from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Fitted, Optimum, Seen, Surrogate
+from accpinn.methods.pinn.initial import initial_scores, values_of
 from accpinn.methods.pinn.loss import Motion, command_columns, weighted_sum
-from accpinn.methods.pinn.paper import initial_scores, values_of
 from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
@@ -282,6 +282,8 @@ class FollowingFast(FastTraining):
     def estimate(self) -> Estimate:
         """The surrogates, the parameters, and which of them the data do not determine."""
         estimate = super().estimate()
+        if not self.outcome:  # what the data say shows at the end of the search
+            return estimate
         return replace(estimate, findings=(*estimate.findings, *self._undetermined()))
 
     def _undetermined(self) -> list[MethodFinding]:

@@ -307,12 +307,22 @@ class LossTraining(Training):
             **others,
         )
 
-    def _look(self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters) -> None:
-        """Note the present moment, with parameters (M,) or (1,), and see if it is the last one."""
+    def _look(
+        self,
+        phase: str,
+        iteration: int,
+        terms: LossTerms,
+        parameters: Parameters,
+        expected: int | None = None,
+    ) -> None:
+        """Note the present moment, with parameters (M,) or (1,), and see if it is the last one.
+
+        The phase is ``expected`` to end at an iteration, by default at the last that is planned.
+        """
         self.progress = Progress(
             phase=phase,
             iteration=iteration,
-            iterations=self.planned,
+            iterations=self.planned if expected is None else min(expected, self.planned),
             seconds=0.0,
             total=float(terms.total),
             data=float(terms.data),

@@ -57,6 +57,8 @@ PERIODS = 2.0
 """Periods of a slow sinusoid that the waves show."""
 AMPLITUDE: MetresPerSecond = 1.0
 """Amplitude of the leader's speed, as in the paper."""
+INSTANTS = 601
+"""Instants of the waves in a report."""
 MOST_GROWTH = 15.0
 """Growth up to which the waves have one scale at all frequencies."""
 DIGITS = 7
@@ -219,6 +221,27 @@ def _phase_bands(
             lower, upper = interval_ends(phases(draws, omega), uncertainty.level)
             bands[k] = lower.round(2), upper.round(2)
     return bands
+
+
+def steady_waves(cast: Cast, omega: RadiansPerSecond, height: int) -> go.Figure:
+    """The speeds that the browser draws at one frequency, for a report; the height is in pixels."""
+    platoon, end = cast.vehicles.parameters[[*cast.order]], max(SHOWN, PERIODS * 2 * np.pi / omega)
+    time = np.linspace(0.0, end, INSTANTS)
+    gains = np.cumprod(np.append(1.0, steady_gains(platoon, np.array([omega]))[:, 0]))
+    moved = (AMPLITUDE * gains[:, None] * np.exp(1j * omega * time)).imag
+    chart, paints = style.Chart("steady-waves", height), colours_of(cast)
+    for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
+        if np.isfinite(moved[k]).all():
+            chart.line(
+                time.astype(np.float32), moved[k].astype(np.float32), cast.labels[k], paints[k],
+                WIDTHS[k > 0], legendrank=k,
+                hover=f"%{{y:+.2f}} m/s<extra>{html.escape(cast.labels[k])}</extra>",
+            )  # fmt: skip
+    largest = float(np.nanmax(np.abs(gains)))
+    top = 1.1 * AMPLITUDE * max(largest, _largest_growth(cast))
+    chart.axis("x", TIME.axis, range=[0.0, end])
+    chart.axis("y", "Speed about the mean [m/s]", range=[-top, top])
+    return chart.figure()
 
 
 def _largest_growth(cast: Cast) -> float:

@@ -132,6 +132,15 @@ def about_estimate(description: Description) -> str:
     )
 
 
+def initial_in_words(model: str, parameters: Parameters) -> str:
+    """The values at which a search begins, those of the first follower."""
+    said = []
+    for name, column in columns_of(model).items():
+        value = float(value_of(model, parameters, name)[0])
+        said.append(f"{column.title} = {value:.3g} {column.unit}".rstrip())
+    return f"Initial values: {', '.join(said)}."
+
+
 def true_model(truth: Parameters) -> str:
     """The key of the CTHP that a synthetic recording was made with; empty for another model."""
     linear = (key for key, model in FOLLOWING.items() if model.is_linear)

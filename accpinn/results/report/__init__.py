@@ -47,7 +47,7 @@ from accpinn.results.figures.style import (
     vehicle_colours,
     with_legend,
 )
-from accpinn.results.figures.training import curves_of, drive, driven, training_figures
+from accpinn.results.figures.training import course, curves_of, drive, driven
 from accpinn.results.marks import LEGEND
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
@@ -270,8 +270,7 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
     history, model = snapshot.history, snapshot.estimate.model
     if history is None:
         return
-    for name, figure in training_figures(history, snapshot.info, model).items():
-        yield Picture(name, figure, "")
+    yield Picture("course", course(history, snapshot.info, model), "")
 
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:

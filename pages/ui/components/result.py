@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
+import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.findings import capital
-from accpinn.methods.estimate import History, Outcome
+from accpinn.methods.estimate import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
@@ -37,6 +38,8 @@ MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gr
 """Colour and icon of a check's answer: the icons differ in shape."""
 ANSWERS = {True: "yes", False: "no", None: "not known"}
 BANDS = "Bands of α, β and τ: 90 % intervals by the likelihood, which the search maximises."
+THEATRE = (1.45, 1.0)
+"""Relative widths of the curves of an estimation and of its course."""
 CURVES = 400
 """Height in pixels of the chart of the curves, without a panel for the disturbance."""
 CARD = "Parameter card"
@@ -89,8 +92,8 @@ def show_result(
         ),
         "Errors": lambda: _show_errors(result, description, sheets["errors"], follower),
     }
-    if history := result.history:
-        views["Training"] = lambda: _show_history(description, history, truth, page)
+    if result.history:
+        views["Training"] = lambda: _show_course(workspace, result, truth, page, follower, window)
     if description.row(follower).windows:
         views["Windows"] = lambda: _show_windows(workspace, description, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
@@ -212,16 +215,52 @@ def _show_errors(result: Result, description: Description, table: Table, followe
     show.downloads(table, f"{Path(info.source).stem}_errors", "errors")
 
 
-def _show_history(
-    description: Description, history: History, truth: Parameters | None, page: str
+def _show_course(
+    workspace: Workspace,
+    result: Result,
+    truth: Parameters | None,
+    page: str,
+    follower: int,
+    window: int,
 ) -> None:
-    info, estimate = description.info, description.estimate
-    drawn = figures.training_figures(history, info, estimate.model, truth)
+    """The course of the estimation, which a slider goes through."""
+    history, info, estimate = result.history, result.info, result.estimate
+    assert history is not None
     has_truth = truth is not None and has_terms_of(estimate.model, truth)
     show.follower_key(info, has_truth, info.shares(estimate.case))
+    at = figures.moments_of(history)
+
+    def scrub() -> None:
+        """Draw the slider, and both charts at its iteration."""
+        named = {int(history.iteration[k]): k for k in at}
+        key = f"{page}_moment_{result.analysis.key[:8]}"
+        chosen = workspace.choices.get(key, [*named][-1])
+        chosen = chosen if chosen in named else [*named][-1]
+        if len(named) > 1:
+            st.select_slider(
+                "Iteration", [*named], format_func=lambda iteration: f"{iteration:,}",
+                help="The drive simulated by the parameters of this iteration.",
+                **bound(key, chosen, workspace.keep(key)),
+            )  # fmt: skip
+        theatre(
+            figures.tracking_at(result, follower, window, named[chosen]),
+            figures.course(history, info, estimate.model, truth, moment=named[chosen]),
+            f"{page}_course",
+        )
+
+    st.fragment(scrub)()
     if history.deviations is not None:
         st.caption(BANDS)
-    show.charts([*drawn.items()], page)
+
+
+def theatre(curves: go.Figure, course: go.Figure | None, key: str) -> None:
+    """The curves of an estimation beside the course of its loss and parameters."""
+    left, right = st.columns(THEATRE, gap="small")
+    with left:
+        show.chart(curves, f"{key}_curves")
+    if course:
+        with right:
+            show.chart(course, key)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:

@@ -126,6 +126,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
         known_vehicles(known()), "magnitude", 370
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
+    "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
     "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),
@@ -153,13 +154,13 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "stability.measured_bode": lambda: on_stability.measured_bode(
         measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR
     ),
-    "training.loss_history": lambda: on_training.loss_history(history()),
-    "training.parameter_history": lambda: on_training.parameter_history(history(), 0, RUN_INFO),
+    "training.course": lambda: on_training.course(history(), RUN_INFO, moment=3),
     "training.drive": lambda: on_training.drive(
         on_training.curves_in(SEGMENT, 1, point().curves[0], None, NAME)
     ),
     "training.forest": lambda: on_training.forest(known(), 0),
     "training.tracking": lambda: on_training.tracking(SEGMENT, 1, point().curves[0], None, NAME),
+    "training.tracking_at": lambda: on_training.tracking_at(known(), 1, 0, 2),
     "training.tracking_of": lambda: on_training.tracking_of(known(), 1),
 }  # fmt: skip
 RUN_INFO = replace(SEGMENT.info, names=(NAME,) * 3, vehicles=(1, 2, 3))
