@@ -62,7 +62,7 @@ def learn(
     """The population of cars, each of which is known by draws (K, n, p) under a prior (K, n)."""
     cthp = [*START[0], *(START[1][term] for term in FOLLOWING[model].terms)]
     following = FOLLOWING[model]
-    others = following.own_count * [START_OTHERS]
+    others = following.nonlinear_count * [START_OTHERS]
     between = np.diag(cthp if following.is_linear else others) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)

@@ -33,7 +33,7 @@ from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import DEFAULT, FAST, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.results.documents import (
     describe_comparison,
@@ -230,7 +230,7 @@ def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with errors of both kinds."""
     if options.models:
         return run_judge(options)
-    methods = named_keys(options.methods, COMPARED, known_variant)
+    methods = named_keys(options.methods, COMPARED, variant_key)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(

@@ -241,8 +241,8 @@ class Sampling:
         self._target = np.append(self._target, target)
         self._factor = np.append(self._factor, factor)
         densities = self.proposal.log_densities(self._drawn)
-        own = self._past[-1][1] + log_sum(densities)
-        self._log_density = np.logaddexp(self._log_density, own)
+        latest = self._past[-1][1] + log_sum(densities)
+        self._log_density = np.logaddexp(self._log_density, latest)
         ratios = self._target - self._log_density
         self.posterior = Posterior(
             np.concatenate([self.posterior.coordinates, z]),

@@ -129,7 +129,7 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
 
     Both are nan for followers that are not determined.
     """
-    known = ~np.isnan(draws.alpha[0])
+    determined = ~np.isnan(draws.alpha[0])
     lower, upper = ends_of(centre, draws, level)
     gains = step_metrics(draws).gain
     is_linf = exact_margin(draws, gains) >= 0
@@ -139,8 +139,8 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
         lower=lower,
         upper=upper,
         draws=draws,
-        probability_l2=np.where(known, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
-        probability_linf=np.where(known, is_linf.mean(axis=0), np.nan),
+        probability_l2=np.where(determined, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
+        probability_linf=np.where(determined, is_linf.mean(axis=0), np.nan),
         peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
         linf_gain=Interval(*interval_ends(gains, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),

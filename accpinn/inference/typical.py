@@ -56,8 +56,8 @@ class HeterogeneousWindows(Finding, frozen=True):
     `stated_speed`; None where fewer than two have one."""
 
     def _words(self, about: Labelled) -> Words:
-        known = self.spread is not None
-        gaps = f", their time gaps by up to {self.spread:.2f} s" if known else ""
+        has_gaps = self.spread is not None
+        gaps = f", their time gaps by up to {self.spread:.2f} s" if has_gaps else ""
         named = _named(self.vehicles, about)
         return {"probability": p_value(self.probability), "gaps": gaps, "named": named}
 
@@ -165,9 +165,10 @@ def with_posterior(
             some[row, k] = space.possible(some[row, k], float(speeds[k]))
     alone = space.parameters(np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, level)
-    own = Parameters.of(np.array([window.estimates for window in windows]))
+    by_window = Parameters.of(np.array([window.estimates for window in windows]))
     if not estimate.following.is_linear:
-        own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
+        theta = np.moveaxis(by_window.nonlinear, -1, 0)
+        by_window = estimate.following.linearisations(theta, speeds)
     cars = [_around(car_of(likely[:, k], spec), estimate, k, level) for k in followers]
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
@@ -178,9 +179,9 @@ def with_posterior(
         return space.parameters(np.stack(usable, axis=-2), speeds)
 
     # The ends are those of draws beside the estimates, which may be bounds.
-    low = Parameters.of(np.fmin(own.everything, lower))
-    high = Parameters.of(np.fmax(own.everything, upper))
-    gaps = time_gap(model, own, estimate.stated_speed)
+    low = Parameters.of(np.fmin(by_window.everything, lower))
+    high = Parameters.of(np.fmax(by_window.everything, upper))
+    gaps = time_gap(model, by_window, estimate.stated_speed)
     gap_low, gap_high = interval_ends(time_gap(model, alone, estimate.stated_speed), level)
     is_shared = segments[0].shares(case)
     posterior = Posterior(
@@ -199,7 +200,7 @@ def with_posterior(
             else float("nan")
         ),
     )
-    return replace(estimate, posterior=posterior, windows=own)
+    return replace(estimate, posterior=posterior, windows=by_window)
 
 
 def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[PosteriorFinding, ...]:
@@ -227,8 +228,8 @@ def _unlike_windows(
     if not unlike or estimate.windows is None:
         return
     gaps = time_gap(estimate.model, estimate.windows, estimate.stated_speed)[:, unlike]
-    known = [column[np.isfinite(column)] for column in gaps.T]
-    spreads = [float(np.ptp(column)) for column in known if len(column) > 1]
+    determined = [column[np.isfinite(column)] for column in gaps.T]
+    spreads = [float(np.ptp(column)) for column in determined if len(column) > 1]
     numbers, most = tuple(vehicles[k] for k in unlike), float(posterior.differ[unlike].max())
     yield HeterogeneousWindows(numbers, len(gaps), most, max(spreads, default=None))
 

@@ -349,8 +349,8 @@ class Span(Quantity):
 class Posterior(_Part):
     """What is known of the parameters of M followers from K windows and from other cars, as draws.
 
-    All draws are nan for a follower that is not determined. Those of a model that is no CTHP have
-    the model's own parameters in `Parameters.own`, beside the linearisation at the median speed.
+    All draws are nan for a follower that is not determined. Those of a nonlinear model have its
+    parameters in `Parameters.nonlinear`, beside the linearisation at the median speed.
     """
 
     method: str
@@ -513,9 +513,9 @@ class Estimate:
             gap = self.time_gap(speed, k)
             ends = f" ({gap.lower:.2f}–{gap.upper:.2f})" if self.posterior else ""
             gaps.append(f"{gap.value:.2f} s{ends}")
-        said = ", ".join(gaps)
+        listed = ", ".join(gaps)
         return (
-            f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+            f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {listed}>"
         )
 
     @property
@@ -565,8 +565,8 @@ class Estimate:
         """
         symbol = next(p.symbol for p in self.following.parameters if p.name == name)
         kinds = Undetermined | Implausible
-        found = [f for f in self.findings if isinstance(f, kinds) and symbol in f.symbols]
-        numbers = {finding.vehicle for finding in found}
+        named = [f for f in self.findings if isinstance(f, kinds) and symbol in f.symbols]
+        numbers = {finding.vehicle for finding in named}
         return not numbers & {0, self.numbers[follower]}
 
     @checked_method
@@ -629,10 +629,10 @@ class Estimate:
             check_level(level)
         key = (*what, follower, level)
         if key not in self._spans:
-            known, draws = self.posterior, None
-            if known:
-                draws = of(known.typical)[:, follower], of(known.further)[:, follower]
-            share = level or (known.level if known else float("nan"))
+            posterior, draws = self.posterior, None
+            if posterior:
+                draws = of(posterior.typical)[:, follower], of(posterior.further)[:, follower]
+            share = level or (posterior.level if posterior else float("nan"))
             self._spans[key] = Span.of(of(self.parameters)[follower], draws, share)
         return self._spans[key]
 

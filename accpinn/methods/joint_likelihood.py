@@ -148,19 +148,19 @@ def _joint_maxima(
 ) -> tuple[Maximum, ...]:
     if spec == PAPER_SPEC:
         return maximise(series_of(segments, case, followers))
-    known = _joint_maxima(segments, case, PAPER_SPEC, followers)
-    starts = _further_starts(spec.model, [maximum.coordinates for maximum in known])
+    simpler = _joint_maxima(segments, case, PAPER_SPEC, followers)
+    starts = _further_starts(spec.model, [maximum.coordinates for maximum in simpler])
     return maximise(series_of(segments, case, followers), spec, starts)
 
 
-def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
+def _further_starts(form: Form, maxima: Sequence[FloatArray]) -> list[FloatArray]:
     """Starts of a model with further terms, from the maxima (G, P) of the CTHP."""
     terms = FOLLOWING[form].terms
     intercept = INTERCEPT if "s0" in terms else 0.0
     starts = []
     for late in LATENESSES if terms[-1] != "s0" else (0.0,):
         further = [intercept if term == "s0" else late for term in terms]
-        for z in known:
+        for z in maxima:
             tau = np.exp(z[1] - z[0]) - intercept / TYPICAL_SPEED
             start = np.append(z, further)
             start[1] = z[0] + np.log(max(tau, SHORTEST_HEADWAY))

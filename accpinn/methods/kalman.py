@@ -64,7 +64,7 @@ class Innovations:
 
     errors: FloatArray
     """Independent of each other if the model holds; 0 where a sample is missing."""
-    known: Mask
+    present: Mask
     """Whether the sample is there."""
     distinct: FloatArray
     """(V, 3, B) the variances before each of their changes; 1 where a sample is missing."""
@@ -80,7 +80,7 @@ class Innovations:
     def log_density(self) -> FloatArray:
         """(N, 3, B): what each measurement adds to log L; 0 where it is missing."""
         density = -0.5 * (self.errors**2 / self.variances + np.log(self.variances) + LOG_TWO_PI)
-        return np.where(self.known, density, 0.0)
+        return np.where(self.present, density, 0.0)
 
 
 class Pairs(NamedTuple):
@@ -92,7 +92,7 @@ class Pairs(NamedTuple):
     """(B,) of S series of measurements."""
 
     @classmethod
-    def each(cls, count: int) -> "Pairs":
+    def one_to_one(cls, count: int) -> "Pairs":
         """Every model with measurements of its own."""
         return cls(np.arange(count), np.arange(count))
 
@@ -117,7 +117,7 @@ class Part(NamedTuple):
     """(u, r, n) the most probable first state, in its deviations, where models are together."""
 
     @property
-    def each(self) -> int:
+    def repeats(self) -> int:
         """How many instants have each of the variances."""
         return int(self.instants // self.variances.shape[1])
 
@@ -127,13 +127,13 @@ class Part(NamedTuple):
         if self.units is None:
             flat = self.errors.reshape(*self.columns.shape, -1)
             squares = np.einsum("urk,urk->ur", flat, flat)
-        elif self.each > 1:
+        elif self.repeats > 1:
             by_row = np.einsum("urkc,urkc->urc", self.errors, self.errors)
             squares = (by_row * (self.units / self.variances)).sum(axis=2)
         else:
             by_instant = self.errors**2 * (self.units / self.variances)[:, None]
             squares = by_instant.sum(axis=(2, 3))
-        logs = self.each * np.log(self.variances).sum(axis=(1, 2))
+        logs = self.repeats * np.log(self.variances).sum(axis=(1, 2))
         return np.asarray(squares + logs[:, None] + self.more)
 
 
@@ -144,7 +144,7 @@ def log_likelihood(
 
     By default each model meets its own measurements.
     """
-    pairs = pairs or Pairs.each(measured.shape[2])
+    pairs = pairs or Pairs.one_to_one(measured.shape[2])
     total = constant(measured, pairs)
     for part in parts(model, measured, pairs):
         is_there = part.columns >= 0
@@ -167,9 +167,9 @@ def parts(
     they have their innovations in the same units.
     """
     used, own_series = np.unique(pairs.series, return_inverse=True)
-    known = ~np.isnan(measured[:, :, used])
-    for alike in _alike(known):
-        part = known[:, :, alike]
+    present = ~np.isnan(measured[:, :, used])
+    for alike in _alike(present):
+        part = present[:, :, alike]
         end = _end(part)
         member = np.full(len(used), -1)
         member[alike] = np.arange(part.shape[2])
@@ -233,54 +233,54 @@ def innovations(
     model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
 ) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
-    pairs = pairs or Pairs.each(measured.shape[2])
+    pairs = pairs or Pairs.one_to_one(measured.shape[2])
     measured = measured[:, :, pairs.series]
-    known: Mask = np.asarray(~np.isnan(measured))
-    errors, variances = np.zeros(known.shape), np.ones(known.shape)
-    changes = np.zeros(len(known) + 1, bool)
+    present: Mask = np.asarray(~np.isnan(measured))
+    errors, variances = np.zeros(present.shape), np.ones(present.shape)
+    changes = np.zeros(len(present) + 1, bool)
     changes[0] = True
-    for alike in _alike(known):
-        end = _end(known[:, :, alike])
+    for alike in _alike(present):
+        end = _end(present[:, :, alike])
         changes[end] = True
         part = model.of(pairs.models[alike])
         for step in _filtered(part, measured[:end, :, alike]):
-            there = step.gains.variances.T
+            changed = step.gains.variances.T
             errors[step.at, :, alike] = step.errors.transpose(1, 2, 0)
-            variances[step.at, :, alike] = np.where(np.isinf(there), 1.0, there)
+            variances[step.at, :, alike] = np.where(np.isinf(changed), 1.0, changed)
             changes[step.at.start] = True
     which = changes[:-1].cumsum() - 1
-    found = Innovations(errors, known, variances[changes[:-1]], which)
-    return np.asarray(found.log_density.sum(axis=(0, 1))), found
+    sequence = Innovations(errors, present, variances[changes[:-1]], which)
+    return np.asarray(sequence.log_density.sum(axis=(0, 1))), sequence
 
 
-def _alike(known: Mask) -> Iterator[Columns]:
+def _alike(present: Mask) -> Iterator[Columns]:
     """The columns of (N, 3, B) that are best filtered together, group by group.
 
     A missing sample keeps the gains of its group from settling. So series that miss different
     samples, such as those of different length, go apart if fewer instants are incomplete then.
     """
-    if known.all():
+    if present.all():
         yield slice(None)
         return
-    patterns = np.packbits(known.reshape(-1, known.shape[2]).T, axis=1)
+    patterns = np.packbits(present.reshape(-1, present.shape[2]).T, axis=1)
     alike: dict[bytes, list[int]] = {}
     for column, pattern in enumerate(patterns):
         alike.setdefault(pattern.tobytes(), []).append(column)
     groups = [np.array(columns) for columns in alike.values()]
-    if sum(_incomplete(known[:, :, columns[:1]]) for columns in groups) < _incomplete(known):
+    if sum(_incomplete(present[:, :, columns[:1]]) for columns in groups) < _incomplete(present):
         yield from groups
     else:
         yield slice(None)
 
 
-def _incomplete(known: Mask) -> int:
+def _incomplete(present: Mask) -> int:
     """Instants (N, 3, B) before the last sample at which one is missing."""
-    return _end(known) - int(known.all(axis=(1, 2)).sum())
+    return _end(present) - int(present.all(axis=(1, 2)).sum())
 
 
-def _end(known: Mask) -> int:
+def _end(present: Mask) -> int:
     """How many instants (N, 3, B) there are up to the last sample."""
-    instants = np.flatnonzero(known.any(axis=(1, 2)))
+    instants = np.flatnonzero(present.any(axis=(1, 2)))
     return int(instants[-1]) + 1 if len(instants) else 0
 
 
@@ -343,21 +343,21 @@ def _whole_parts(
     model: StateSpace, measured: FloatArray, series: Places, columns: Places, together: int
 ) -> Iterator[Part]:
     """Those of measurements (N, 3, S), of which each of u models has the ``series`` (u, r)."""
-    samples, (count, each) = len(measured), series.shape
+    samples, (count, repeats) = len(measured), series.shape
     filled = np.concatenate([measured, np.tile(measured[-1:], (-samples % BLOCK, 1, 1))])
     blocks, transition = _blocks(filled), first_axis(model.transition)
     process = first_axis(model.process)
     covariance, information = _limits(transition, process, model.noise, together)
     gains = Gains.of(covariance, turned(transition), model.noise)
     apart = first_axis(model.first_covariance) - covariance
-    width = max(1, STRETCH // (samples * each * together)) * together
+    width = max(1, STRETCH // (samples * repeats * together)) * together
     for at in range(0, count, width):
         some = slice(at, min(at + width, count))
-        own, inputs = gains.models(some), blocks[series[some]]
+        chosen, inputs = gains.models(some), blocks[series[some]]
         inputs[..., ::WIDTH] -= model.shift[some, None, None, None]
-        constant = ConstantGain(transition[some], own)
+        constant = ConstantGain(transition[some], chosen)
         errors, push, more = constant.whole(inputs, samples, apart[some], information[some])
-        variances, first = own.variances[:, None], None
+        variances, first = chosen.variances[:, None], None
         units = _units(variances, together)
         if units is not None:
             first = push @ _root(apart[some])
@@ -400,9 +400,9 @@ def _limits(
     near = ConstantGain(transition[::together], gains.models(slice(None, None, together)))
     covariance = evened(covariance + near.summed(off, together))
     gains = Gains.of(covariance, back, noise)
-    own = ConstantGain(transition, gains)
-    off = own.back @ information @ turned(own.back) - information
-    off[:, :WIDTH, :WIDTH] += turned(own.whitening) @ own.whitening
+    settled = ConstantGain(transition, gains)
+    off = settled.back @ information @ turned(settled.back) - information
+    off[:, :WIDTH, :WIDTH] += turned(settled.whitening) @ settled.whitening
     return covariance, evened(information + near.summed(off, together, is_back=True))
 
 
@@ -487,8 +487,8 @@ class ConstantGain:
         pushed = (inputs @ pushes[:, -rows:]).reshape(count, series, blocks, -1)
         every = recursion(power, pushed, state)
         starts = every[:, :, :-1].reshape(count, series * blocks, -1)
-        found = np.concatenate([starts, inputs], axis=2) @ errors[:, :, :rows]
-        return found.reshape(measured.shape), every[:, :, -1]
+        innovations = np.concatenate([starts, inputs], axis=2) @ errors[:, :, :rows]
+        return innovations.reshape(measured.shape), every[:, :, -1]
 
     def whole(
         self, measured: FloatArray, samples: int, apart: FloatArray, information: FloatArray
@@ -501,9 +501,9 @@ class ConstantGain:
         """
         _, free, power = self._block
         free = free[:, : len(power[0])]
-        blocks, kept, reach = measured.shape[2], power, 1
-        while reach < blocks and np.abs(kept).max() > FORGOTTEN:
-            kept, reach = kept @ kept, 2 * reach
+        blocks, reaching, reach = measured.shape[2], power, 1
+        while reach < blocks and np.abs(reaching).max() > FORGOTTEN:
+            reaching, reach = reaching @ reaching, 2 * reach
         zero = np.zeros((*measured.shape[:2], len(power[0])))
         near = zero.copy()  # what is measured first, which the first state will be close to
         near[..., :WIDTH] = measured[:, :, 0, :WIDTH]
@@ -592,8 +592,8 @@ def recursion(back: FloatArray, driven: FloatArray, state: FloatArray) -> FloatA
 
 def _blocks(measured: FloatArray) -> FloatArray:
     """(S, m, 3 J) the measurements (J m, 3, S) of m blocks of J = `BLOCK` instants, or one."""
-    each, count = min(BLOCK, len(measured)), measured.shape[2]
-    blocks = measured.reshape(-1, each * WIDTH, count)
+    length, count = min(BLOCK, len(measured)), measured.shape[2]
+    blocks = measured.reshape(-1, length * WIDTH, count)
     return np.ascontiguousarray(blocks.transpose(2, 0, 1))
 
 
@@ -625,8 +625,8 @@ class _Step(NamedTuple):
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     """The filter over measurements (N, 3, u), each with a model of its own."""
-    known = ~np.isnan(measured)
-    whole: Mask = np.asarray(known.all(axis=(1, 2)))
+    present = ~np.isnan(measured)
+    whole: Mask = np.asarray(present.all(axis=(1, 2)))
     instants = np.ascontiguousarray(measured.transpose(0, 2, 1))
     instants[:, :, OBSERVED[0]] -= model.shift
     transition, process, covariance = map(
@@ -635,7 +635,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     back, state, samples, k = turned(transition), model.first.T, len(measured), 0
     while k < samples:
         away, noise = instants[k] - state[:, :WIDTH], model.noise
-        missing = ~known[k].T
+        missing = ~present[k].T
         if not whole[k]:
             away[missing], noise = 0.0, np.where(missing.T, np.inf, noise)
         gains = Gains.of(covariance, back, noise)

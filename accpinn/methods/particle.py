@@ -53,8 +53,8 @@ STEADY = 1e-6
 def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Estimate:
     """The last mean of the cloud, its track, and its mean motion in each window."""
     config = {"particles": PARTICLES, "seed": SEED, "shrink": SHRINK}
-    found = online.filtered("particle", segments, case, spec, _Cloud, config)
-    return replace(found, unconstrained=None)  # no particle leaves the bounds
+    fitted = online.filtered("particle", segments, case, spec, _Cloud, config)
+    return replace(fitted, unconstrained=None)  # no particle leaves the bounds
 
 
 class _Cloud(online.Filter):

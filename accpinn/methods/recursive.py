@@ -67,7 +67,7 @@ def fit(
 
     def summed(values: Callable[[_Rows], FloatArray], power: int = 1) -> FloatArray:
         forgetting = [np.exp(-turn.segment.sample_time / memory) ** power for turn in turns]
-        return _fading_sums(map(values, windows), forgetting, [t.kept for t in turns], case)
+        return _fading_sums(map(values, windows), forgetting, [t.tracked for t in turns], case)
 
     gram, moment = summed(_Rows.products), summed(lambda rows: rows.terms * rows.rates[..., None])
     theta, free = np.full((2, *moment.shape), np.nan)
@@ -136,7 +136,7 @@ class _Rows:
 def _fading_sums(
     windows: Iterable[FloatArray],
     forgetting: Iterable[float],
-    kept: Iterable[list[int]],
+    tracked: Iterable[list[int]],
     case: Case,
 ) -> FloatArray:
     """(K, G, ..) the weighted sums up to the kept samples, of (M, N-1, ..) in each window.
@@ -146,7 +146,7 @@ def _fading_sums(
     from scipy.signal import lfilter  # takes a second to import, which few need
 
     parts, last = [], np.zeros(())
-    for values, keep, samples in zip(windows, forgetting, kept, strict=True):
+    for values, keep, samples in zip(windows, forgetting, tracked, strict=True):
         if case == "I":
             values = values.sum(axis=0, keepdims=True)
         before = np.broadcast_to(keep * last, values[:, :1].shape)
@@ -159,7 +159,7 @@ def _fading_sums(
 def _driven(turns: Sequence[Turn]) -> FloatArray:
     """(K,) the time spent in windows up to the kept samples, in s."""
     before = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
-    parts = [begin + t.segment.time[t.kept] for begin, t in zip(before, turns, strict=True)]
+    parts = [begin + t.segment.time[t.tracked] for begin, t in zip(before, turns, strict=True)]
     return np.concatenate(parts)
 
 

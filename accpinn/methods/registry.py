@@ -104,21 +104,21 @@ def title_of(key: str) -> str:
     return METHODS[key].title if key in METHODS else key
 
 
-def known_variant(name: str) -> str:
+def variant_key(name: str) -> str:
     """The name in `VARIANTS` that a name stands for.
 
     Raises:
         ConfigError: for an unknown name.
     """
-    known = _ALIASES.get(name, name) if isinstance(name, str) else name
-    if not isinstance(known, str) or known not in VARIANTS:
+    key = _ALIASES.get(name, name) if isinstance(name, str) else name
+    if not isinstance(key, str) or key not in VARIANTS:
         raise ConfigError(f"methods: {str(name)[:40]} is not known; choose {', '.join(VARIANTS)}.")
-    return known
+    return key
 
 
 def variant_of(name: str) -> tuple[str, PinnConfig | None]:
-    """The method and the settings that a name stands for; see `known_variant`."""
-    return VARIANTS[known_variant(name)]
+    """The method and the settings that a name stands for; see `variant_key`."""
+    return VARIANTS[variant_key(name)]
 
 
 def variant_name(method: str, settings: Mapping[str, Any]) -> str:

@@ -82,14 +82,14 @@ class Analysis(Displayed):
 
     def __str__(self) -> str:
         """Data, model, method and the settings that differ from the preset, a line each."""
-        asked = _asked(self)
+        items = _described(self)
         if preset := self.settings.get("preset"):
-            asked["method"] += f", preset {preset}"
+            items["method"] += f", preset {preset}"
             changes = {k: v for k, v in self.config.changes().items() if k != "preset"}
             listed = ", ".join(f"{name} = {value}" for name, value in changes.items())
-            asked["settings"] = listed or "the preset's"
-        asked["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
-        lines = [f"  {name}: {text}" for name, text in asked.items()]
+            items["settings"] = listed or "the preset's"
+        items["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
+        lines = [f"  {name}: {text}" for name, text in items.items()]
         return "\n".join(["Analysis", *lines, "More: .key, .settings; accpinn.run answers it"])
 
     @classmethod
@@ -151,11 +151,11 @@ class Analysis(Displayed):
         A method's usual model becomes the usual one of the other, as does one that it cannot
         estimate.
         """
-        asked = replace(self, method=method, settings=_settings(method, settings))
-        able = METHODS[method].models(asked.settings)
-        own = METHODS[self.method].models(self.settings)[0]
-        keeps = self.spec.model in able and self.spec != ModelSpec(own)
-        return asked if keeps else replace(asked, spec=ModelSpec(able[0]))
+        changed = replace(self, method=method, settings=_settings(method, settings))
+        able = METHODS[method].models(changed.settings)
+        usual = METHODS[self.method].models(self.settings)[0]
+        keeps = self.spec.model in able and self.spec != ModelSpec(usual)
+        return changed if keeps else replace(changed, spec=ModelSpec(able[0]))
 
     @property
     def window(self) -> Window:
@@ -183,7 +183,7 @@ class Analysis(Displayed):
         return self._address(shared) if shared is not None else ""
 
     def _address(self, settings: dict[str, Any]) -> str:
-        asked = {
+        content = {
             "format": FORMAT,
             "data": self.source.data,
             "vehicles": self.vehicles,
@@ -197,8 +197,8 @@ class Analysis(Displayed):
             "settings": settings,
         }
         if code := fingerprint(self.spec.model):  # of a model from somebody's script
-            asked["code"] = code
-        return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+            content["code"] = code
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def config(self) -> Any:
@@ -230,7 +230,7 @@ class Analysis(Displayed):
 
 def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
     """What differs between two analyses, a few words each; empty where nothing does."""
-    before, after = _asked(then), _asked(now)
+    before, after = _described(then), _described(now)
     if then.method == now.method:
         before |= then.settings
         after |= now.settings
@@ -241,7 +241,7 @@ def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
     )
 
 
-def _asked(analysis: Analysis) -> dict[str, Any]:
+def _described(analysis: Analysis) -> dict[str, Any]:
     return {
         "recording": analysis.source.name,
         "window": ", ".join(map(str, analysis.windows)),

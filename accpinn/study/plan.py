@@ -118,12 +118,13 @@ def contradictions(recording: Recording) -> list[Inconsistency]:
 def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator[Finding]:
     """Why followers have no window, where it is for their data."""
     followers = {number for place in planned for number in place.vehicles[1:]}
-    yield from (found for found in contradictions(recording) if found.follower not in followers)
+    unlike = contradictions(recording)
+    yield from (finding for finding in unlike if finding.follower not in followers)
     if not planned:
         yield from (
-            found
-            for found in recording.findings
-            if isinstance(found, ValuesOutOfRange) and found.is_above
+            finding
+            for finding in recording.findings
+            if isinstance(finding, ValuesOutOfRange) and finding.is_above
         )
 
 
@@ -211,8 +212,8 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
     rows = recording.rows(window)
     by_flag = "flag" if recording.acc_flag == ACC_FLAG else ""
     followers = np.array(vehicles[1:]) - 1
-    known = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
-    sources = tuple("driver" if by_driver else by_flag for by_driver in known)
+    is_acc = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
+    sources = tuple("driver" if by_driver else by_flag for by_driver in is_acc)
     return PlannedWindow(tuple(vehicles), window, sources)
 
 

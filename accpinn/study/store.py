@@ -186,9 +186,9 @@ class Shelf:
             paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         except OSError:  # as without file descriptors; what the index knows may still be there
             return ()
-        asked = words.casefold().split()
+        terms = words.casefold().split()
         entries = self._transact(partial(self._entries, paths, session)) or ()
-        chosen = [entry for entry in entries if all(word in entry.words for word in asked)]
+        chosen = [entry for entry in entries if all(word in entry.words for word in terms)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
 
     def _entries(
@@ -200,18 +200,18 @@ class Shelf:
         if session:
             shown = index.execute("select name from shown where session = ?", (session,))
             paths = {name: paths[name] for (name,) in shown if name in paths}
-            asked = "select name, entry from shown_entries where session = ?"
-            as_shown = {name: _decoded(entry) for name, entry in index.execute(asked, (session,))}
+            query = "select name, entry from shown_entries where session = ?"
+            as_shown = {name: _decoded(entry) for name, entry in index.execute(query, (session,))}
         rows = index.execute("select name, state, entry from entries").fetchall()
-        known = {name: (state, entry) for name, state, entry in rows}
+        indexed = {name: (state, entry) for name, state, entry in rows}
         for name, path in paths.items():
             with suppress(OSError):  # deleted by another process just now
                 state = state_of(path)
-                then, content = known.get(name, ("", b""))
+                then, content = indexed.get(name, ("", b""))
                 entry = _decoded(content) if then == state else None
                 entry = entry or self._indexed(index, name, state)
                 entries[name] = (None if entry.fault else as_shown.get(name)) or entry
-        for name in () if session else known.keys() - paths.keys():
+        for name in () if session else indexed.keys() - paths.keys():
             if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
                 index.execute("delete from entries where name = ?", (name,))
         return tuple(entries.values())
@@ -497,12 +497,12 @@ class Store(Shelf):
 
     def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
         """Names of sessions that begin so, and what they have open, the last changed first."""
-        asked = (
+        query = (
             "select name, document from sessions where substr(name, 1, ?) = ?"
             " order by used desc limit ?"
         )
-        given = (len(prefix), prefix, most)
-        return tuple(self._transact(lambda index: index.execute(asked, given).fetchall()) or ())
+        arguments = (len(prefix), prefix, most)
+        return tuple(self._transact(lambda index: index.execute(query, arguments).fetchall()) or ())
 
     def record_shown(self, session: str, result: Result) -> None:
         """Keep a result, and record that a session has shown it."""
@@ -522,8 +522,8 @@ class Store(Shelf):
 
     def shown_as(self, session: str, name: str) -> Entry | None:
         """The entry of a result as a session has shown it; None where it has not."""
-        asked = "select entry from shown_entries where session = ? and name = ?"
-        content = self._ask(asked, session, name)
+        query = "select entry from shown_entries where session = ? and name = ?"
+        content = self._ask(query, session, name)
         return _decoded(content) if content else None
 
     # Files

@@ -44,7 +44,7 @@ def test_a_point_has_values_by_name_and_no_intervals() -> None:
 
 def test_its_gains_are_those_of_its_linearisation() -> None:
     found = point(driven(duration=40.0), model="idm")
-    near = found.following.linearised(found.parameters.own[0], float(found.speeds[0]))
+    near = found.following.linearised(found.parameters.nonlinear[0], float(found.speeds[0]))
     alpha, beta, gap = (span.value for span in found.gains_and_gap(0))
     assert (alpha, beta) == pytest.approx((near.alpha, near.beta))
     assert gap == pytest.approx(near.tau + near.s0 / found.speeds[0])

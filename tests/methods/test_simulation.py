@@ -95,7 +95,9 @@ def test_what_is_left_out_moves_nothing() -> None:
         METHODS["simulation"].fit(replace(window, gaps=other, mask=mask), spec=ModelSpec(model.key))
         for other in (window.gaps, gaps)
     ]
-    np.testing.assert_allclose(fits[0].parameters.own, fits[1].parameters.own, rtol=1e-9)
+    np.testing.assert_allclose(
+        fits[0].parameters.nonlinear, fits[1].parameters.nonlinear, rtol=1e-9
+    )
 
 
 def test_simulations_that_almost_diverge_are_refused(openacc_dir: Path) -> None:

@@ -91,12 +91,12 @@ def test_the_point_of_a_nonlinear_model_is_the_best_drive_of_all_windows() -> No
     segments, model = (drive.part(0, 401), drive.part(401, drive.samples)), FOLLOWING["idm"]
     (best,) = optima(model, Drives.of(segments, model), [[0, 1]])
     found = point(segments, model="idm")
-    np.testing.assert_array_equal(found.parameters.own[0], best.theta)
+    np.testing.assert_array_equal(found.parameters.nonlinear[0], best.theta)
     for level in (0.5, 0.99):
         known = estimated(segments, model="idm", level=level)
         assert known.parameters == found.parameters
         assert known.posterior.level == level
-    assert known.windows.own.shape == (2, 1, 5)
+    assert known.windows.nonlinear.shape == (2, 1, 5)
 
 
 @pytest.fixture

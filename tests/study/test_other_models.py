@@ -59,7 +59,7 @@ def test_an_idm_is_found_with_its_intervals(folder: Path) -> None:
     result = idm_result(folder)
     assert (result.analysis.method, result.analysis.has_posterior) == ("simulation", True)
     found = result.estimate
-    np.testing.assert_allclose(result.parameters.own, IDM, rtol=0.15)
+    np.testing.assert_allclose(result.parameters.nonlinear, IDM, rtol=0.15)
     assert (found.model, found.names) == ("idm", FOLLOWING["idm"].names)
     for name, true in zip(found.names, IDM[0], strict=True):
         span = found.span(name, 0)
@@ -77,8 +77,8 @@ def test_several_windows_of_an_idm_are_simulated_by_one_set(folder: Path) -> Non
     for fixed in ({}, {"v0": 40.0, "b": 1.6}):
         result = fit(windows, model="idm", fixed=fixed)
         found = result.estimate
-        np.testing.assert_allclose(found.parameters.own, IDM, rtol=0.15)
-        assert found.windows.own.shape == (2, 1, 5)
+        np.testing.assert_allclose(found.parameters.nonlinear, IDM, rtol=0.15)
+        assert found.windows.nonlinear.shape == (2, 1, 5)
         assert [curves.time[-1] for curves in found.curves] == [60.0, 60.0]
         for name, value in fixed.items():
             span = found.span(name, 0)
@@ -91,17 +91,17 @@ def test_several_windows_of_an_idm_are_simulated_by_one_set(folder: Path) -> Non
 def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
     result = idm_result(folder)
     speed = float(result.estimate.speeds[0])
-    near = FOLLOWING["idm"].linearised(result.parameters.own[0], speed)
+    near = FOLLOWING["idm"].linearised(result.parameters.nonlinear[0], speed)
     subject = known_vehicles(result)
     np.testing.assert_allclose(subject.vehicles.parameters.complete[0], near.complete)
-    np.testing.assert_allclose(subject.uncertainty.draws.own.shape[-1], 5)
+    np.testing.assert_allclose(subject.uncertainty.draws.nonlinear.shape[-1], 5)
     true = FOLLOWING["idm"].linearised(IDM[0], speed)
     lower, upper = subject.uncertainty.lower.complete[0], subject.uncertainty.upper.complete[0]
     inside = (lower <= true.complete) & (true.complete <= upper)
     assert inside[:4].all()
     assert result.stability.vehicles[0].parameters.values == pytest.approx(near.values)
     there = subject.at_speed(15.0)
-    slower = FOLLOWING["idm"].linearised(result.parameters.own[0], 15.0)
+    slower = FOLLOWING["idm"].linearised(result.parameters.nonlinear[0], 15.0)
     np.testing.assert_allclose(there.vehicles.parameters.complete[0], slower.complete)
     assert there.uncertainty.probability_l2.shape == (1,)
 
@@ -143,7 +143,7 @@ def test_a_snapshot_of_it_is_the_same_and_is_confirmed(folder: Path) -> None:
     card = parameter_card(result)
     assert "s* = s₀ + v T" in card["model"]["equations"][1]
     values = [card["vehicles"][0][named["name"]]["value"] for named in card["model"]["parameters"]]
-    np.testing.assert_array_equal(values, result.parameters.own[0])
+    np.testing.assert_array_equal(values, result.parameters.nonlinear[0])
     assert "idm" in repr(result.estimate)
     assert str(result).count("\n") <= 10
 
@@ -161,10 +161,12 @@ def test_the_network_learns_it_where_a_preset_is_named_and_commands_have_its_par
     assert (found["model"], found["method"], found["intervals"]) == (key, "pinn", None)
     kept = load(out)
     assert kept.estimate.model == key
-    np.testing.assert_allclose(kept.parameters.own, truth, rtol=0.15)
-    np.testing.assert_allclose(kept.history.parameters.own[0, 0], start)
+    np.testing.assert_allclose(kept.parameters.nonlinear, truth, rtol=0.15)
+    np.testing.assert_allclose(kept.history.parameters.nonlinear[0, 0], start)
     assert kept.history.parameters[-1] == kept.parameters
-    assert [found["parameters"][0][name] for name in names] == pytest.approx(kept.parameters.own[0])
+    assert [found["parameters"][0][name] for name in names] == pytest.approx(
+        kept.parameters.nonlinear[0]
+    )
     assert set(names) <= {picture.name for picture in training_pictures(kept)}
     (row,) = found["parameters"]
     assert {*names, "alpha", "beta", "tau"} <= row.keys()

@@ -78,7 +78,7 @@ class PinnConfig:
     """Seed of the network's initial weights, the minibatches and the train/test split."""
     initial: Parameters = STARTS[0]
     """Before the first iteration; the paper's notebooks start at ones. Another model than the CTHP
-    starts at the `own` of these, or at its typical values where there are none."""
+    starts at the `nonlinear` of these, or at its typical values where there are none."""
     weight_physics: tuple[float, float] = (1.0, 1.0)
     """Q: weights of the squared residuals of dp/dt and dv/dt in Ψ_F."""
     weight_initial: float = 0.0
@@ -228,8 +228,8 @@ def _title(setting: str) -> str:
 
 
 def _numbers(parameters: Parameters) -> list[float]:
-    has_own = parameters.own.size > 0
-    numbers: list[float] = (parameters.everything if has_own else parameters.values).tolist()
+    values = parameters.values if parameters.is_linear else parameters.everything
+    numbers: list[float] = values.tolist()
     return numbers
 
 

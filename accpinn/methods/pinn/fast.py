@@ -266,8 +266,8 @@ class FastTraining(LossTraining):
         for _ in range(self._steps):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            kept = None if mask is None else mask[pick]
-            terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
+            counts = None if mask is None else mask[pick]
+            terms = loss_terms(motion_at(pick), measured[pick], theta, config, counts, self.model)
             window.adam.step(terms.total, learning_rate)
         return self._seen(window, self._best.solution)
 

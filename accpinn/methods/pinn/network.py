@@ -164,11 +164,12 @@ class Network:
         Raises:
             ValueError: when they are another network's.
         """
-        own = self._named()
+        tensors = self._named()
         names = {name for name in state if name.startswith(("hidden.", "output."))}
-        if names != own.keys() or any(state[name].shape != own[name].shape for name in names):
+        shapes = ((state[name].shape, tensors[name].shape) for name in names & tensors.keys())
+        if names != tensors.keys() or any(given != needed for given, needed in shapes):
             raise ValueError("these weights are another network's")
-        for name, values in own.items():
+        for name, values in tensors.items():
             values[:] = state[name]
 
     def _named(self) -> dict[str, NDArray[Any]]:

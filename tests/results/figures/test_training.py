@@ -83,7 +83,7 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
         for follower, trace in enumerate(figure.data):
             np.testing.assert_array_equal(trace.y, own[:, follower, k])
         lines = [line.y0 for line in figure.layout.shapes]
-        assert lines == truth.own[:, k].tolist()
+        assert lines == truth.nonlinear[:, k].tolist()
     assert [*training.training_figures(track, INFO)] == ["loss", "alpha", "beta", "tau"]
     assert names(training.parameter_history(history(sets=1), 2, INFO)) == [EVERY_FOLLOWER]
 
