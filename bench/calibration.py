@@ -53,14 +53,14 @@ Ranks = NDArray[np.int64]
 DRAWS, BINS = 39, 10
 """Draws among which the truth has a rank from 0 to their number; bins of the histogram of ranks."""
 LEVEL = 0.01
-"""Of the test that all histograms are flat."""
+"""Significance level of the test that all histograms are flat."""
 FIRST = (35.0, 25.0, 25.0), (8.0, 3.0, 3.0)
 """Means and deviations of the first p in m, v and u in m/s."""
 WINDOW_DRAWS, ERROR = 400, 4.0
 """Draws a window that a population is sampled from, and how often the covariance of what a window
 leaves open is that between windows. With so much, the population counts."""
 NUISANCE = "s", "T", "T₂", "noise of p", "noise of v", "deviation of a"
-"""What else is unknown of a window, in the order of `COMMON`."""
+"""Names of a window's further unknowns, in the order of `COMMON`."""
 
 
 def drawn_parameters(form: Form, of_cars: bool, rng: np.random.Generator) -> FloatArray:

@@ -82,7 +82,7 @@ TERMS = (
     Unknown("s₀", 6.0, 6.0, -30.0, 60.0, is_plain=True),
     Unknown("d", 0.7, 0.4, 0.05, 3.0, is_plain=True),
 )
-"""Of the CTHP with an intercept and a delay, behind the others."""
+"""Unknowns of the CTHP with an intercept and a delay, behind the others."""
 LEAST, MOST = 1e-4, 10.0
 """Bounds of ατ."""
 
@@ -265,7 +265,7 @@ class Moments(NamedTuple):
 
     @classmethod
     def of(cls, drawn: FloatArray, weights: FloatArray | None = None) -> "Moments":
-        """Of draws (n, Q) with weights (n,), else of equal weight."""
+        """Moments of draws (n, Q) with weights (n,), by default of equal weight."""
         mean = np.average(drawn, axis=0, weights=weights)
         return cls(mean, np.sqrt(np.average((drawn - mean) ** 2, axis=0, weights=weights)))
 

@@ -45,7 +45,7 @@ LARGEST_MEGABYTES = 40.0
 
 @dataclass(frozen=True)
 class Request:
-    """What one user asks for."""
+    """The analysis that one user asks for."""
 
     name: str
     """Name of the recording and of the snapshot."""

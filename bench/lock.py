@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 APP, DEV = ROOT / "requirements.txt", ROOT / "requirements-dev.txt"
 SIGN_IN = "streamlit[auth]"
-"""What a server needs that asks its users to sign in."""
+"""Packages of a server that asks its users to sign in."""
 BY_VERSION = ("torch",)
 """Packages without hashes."""
 

@@ -1,4 +1,4 @@
-"""Which car-following model describes a car in other windows? `python -m bench.models FOLDER`.
+"""Car-following models compared on left-out windows: `python -m bench.models FOLDER`.
 
 Every follower of every recording is judged by itself, as `compare --models` does: each model is
 fitted by closed-loop simulation. Windows, reference and means are those of `bench.prediction`: the
@@ -37,7 +37,7 @@ from bench.prediction import (
 
 
 class Judged(NamedTuple):
-    """How some models do in the K windows of one follower."""
+    """Errors of several models in the K windows of one follower."""
 
     judgement: Judgement
     reference: FloatArray

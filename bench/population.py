@@ -1,4 +1,4 @@
-"""What the recordings teach about how parameters differ: `python -m bench.population FOLDER`.
+"""Variation of parameters between cars and windows: `python -m bench.population FOLDER`.
 
 Every car's windows in car-following under ACC are estimated by themselves. Then, for each model,
 the centre m and spread S of the cars and the usual scale Σ₀ between windows of a car (see
@@ -36,7 +36,7 @@ ROUNDS = 8
 START = (0.4, 0.4, 0.1), {"s0": 3.0, "lag": 0.2, "delay": 0.2}
 """Deviations between windows of ln α, ln β, ln G and of the terms, to begin with."""
 START_OTHERS = 0.5
-"""The same of the parameters of other models, in deviations of their priors."""
+"""Deviations between windows of the parameters of other models, in those of their priors."""
 
 
 def windows_of(

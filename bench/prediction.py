@@ -75,7 +75,7 @@ Estimator = Callable[[Windows, str], Parameters]
 Drive = Callable[[Segment], FloatArray]
 """The gap (N, 1) in m that is predicted in a window (N,)."""
 Predictor = Callable[[Windows], Drive]
-"""What some windows of a follower predict."""
+"""Predictor of a follower's gap from some of its windows."""
 Inside = dict[str, list[float]]
 """Whether values lie in their intervals, 0 or 1, by the quantity's name; nan for an unknown one."""
 
@@ -170,18 +170,18 @@ class Errors(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """What the windows and the stretches of one follower in one recording gave."""
+    """Errors and coverage in the windows and stretches of one follower in one recording."""
 
     car: Car
     windows: list[Segment]
     errors: dict[str, Errors]
-    """By source; empty with one window."""
+    """Errors by source; empty with one window."""
     gains: dict[str, list[FloatArray]]
-    """By source rms and peak error in dB, and log-likelihood above the CTHP's, of each stretch."""
+    """Rms and peak error in dB, and log-likelihood above the CTHP's, by source, of each stretch."""
     further: dict[str, Inside]
-    """By model and quantity, whether each left-out window is in the interval from the others."""
+    """Coverage of left-out windows by the interval from the others, by model and quantity."""
     typical: dict[str, Inside]
-    """By model and quantity, whether the joint estimate of all windows is in its own interval."""
+    """Coverage of the joint estimate of all windows by its interval, by model and quantity."""
     own: FloatArray
     """(K, 6) estimates of the windows under the default model."""
     drawn: FloatArray
@@ -417,7 +417,7 @@ def merged(parts: Iterable[Inside]) -> Inside:
 
 
 def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[list[Inside]]:
-    """The same of the default model for a car's windows, by a population without the car.
+    """Coverage of a car's windows under the default model, by a population without the car.
 
     The second of each also holds the sampling error of the window's own estimate.
     """

@@ -1,4 +1,4 @@
-"""How long the methods take on real recordings, and how far the fast preset gets.
+"""Durations of the methods on real recordings, and the fast preset's distance from its limit.
 
 A user waits for the recommended estimate, of one window and of all in car-following, first for its
 point and then for its intervals, and for the comparison of all methods. The parameters of the fast

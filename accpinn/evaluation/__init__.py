@@ -1,4 +1,4 @@
-"""How good an estimate is: errors on its windows, held out and outside of them.
+"""Errors of an estimate on its windows, held out and outside of them.
 
 Errors are of two kinds, never mixed. *Surrogate fit*: the method's own trajectories (the network's,
 the spline's) against the data. The paper's tables report this; it measures how well a curve was
@@ -50,7 +50,7 @@ BLOCKS = 3
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How good an estimate is on its data, one window or several, and outside of them."""
+    """Errors of an estimate on its one or several windows, and outside of them."""
 
     surrogate: TrackingErrors | None
     """Errors of the method's own curves; None where it has none."""
@@ -66,7 +66,7 @@ class Evaluation:
     findings: tuple[ClosedLoopFinding, ...]
     """Collisions, reversing and divergence in the closed-loop simulation on the data."""
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
-    """The same events outside of them."""
+    """Collisions, reversing and divergence outside the windows."""
 
     @property
     def holdout(self) -> TrackingErrors | None:

@@ -1,4 +1,4 @@
-"""What follows from the draws of an estimate: probabilities of string stability, gains, bands."""
+"""Probabilities of string stability, gains and bands from the draws of an estimate."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -160,6 +160,6 @@ def ends_of(centre: Parameters, draws: Parameters, level: float) -> tuple[Parame
 
 
 def effective_draws(drawn: FloatArray) -> float:
-    """How many independent draws are worth as much as (n,) draws, some of them repeated."""
+    """The effective number of independent draws among (n,) draws, some of them repeated."""
     counts = np.unique(drawn, return_counts=True)[1]
     return float(counts.sum() ** 2 / (counts**2).sum())

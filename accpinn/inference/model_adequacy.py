@@ -122,7 +122,7 @@ class ModelForm:
 
 @dataclass(frozen=True, eq=False)
 class Adequacy:
-    """How well the CTHP and its further forms explain a segment."""
+    """Tests of the CTHP and its further forms on a segment."""
 
     forms: tuple[ModelForm, ...]
     """All forms, the CTHP first; empty where nothing can be estimated."""

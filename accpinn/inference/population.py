@@ -1,4 +1,4 @@
-"""How parameters differ between windows of one car, and between cars; the typical value of a car.
+"""The variation of parameters between windows of one car and between cars.
 
 In window w of a car the parameters φ_w = (ln α, ln β, ln G, s₀, λ or d) are those of
 
@@ -64,7 +64,7 @@ WITHIN = 1.1416
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """What many cars taught about φ under one model; p coordinates."""
+    """The distribution of φ (p coordinates) over many cars and their windows, under one model."""
 
     centre: FloatArray
     """(p,) m."""
@@ -80,7 +80,7 @@ class Population:
 
     @property
     def of_cars(self) -> "Population":
-        """The same one level up: how the typical values of a group's cars may differ."""
+        """The population one level up: the variation of the typical values of a group's cars."""
         return Population(self.centre, self.cars, self.cars / WITHIN**2)
 
     @property

@@ -36,7 +36,7 @@ SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
 EXACT = "posterior of the exact likelihood, and how windows of many cars differ"
 BY_SIMULATION = "normal approximation in closed loop, and how windows of many cars differ"
-"""How draws are made, by what a window's posterior comes from."""
+"""The method of drawing, in words, by the source of a window's posterior."""
 
 
 class HeterogeneousWindows(Finding, frozen=True):
@@ -204,7 +204,7 @@ def with_posterior(
 
 
 def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[PosteriorFinding, ...]:
-    """What an estimate with a posterior should be read with; none for a point.
+    """Findings about the posterior of an estimate; none for a point.
 
     The vehicles (M+1,) are numbers in the file, leader first.
     """
@@ -235,7 +235,7 @@ def _unlike_windows(
 
 
 def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[HeterogeneousFollowers]:
-    """Whether followers that share their parameters differ, from what each says by itself."""
+    """A finding where followers that share their parameters differ in estimates by themselves."""
     if posterior.followers_differ < SIGNIFICANCE:
         yield HeterogeneousFollowers(followers, posterior.followers_differ)
 
@@ -243,7 +243,7 @@ def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[Heteroge
 def _of_followers(
     estimate: Estimate, posterior: Posterior, vehicles: Sequence[int]
 ) -> Iterator[PosteriorFinding]:
-    """What is said of single followers."""
+    """Findings about single followers."""
     kinds = estimate.following.parameters
     sets = estimate.parameters, *interval_ends_of(posterior)
     value, low, high = (

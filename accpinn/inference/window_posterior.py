@@ -1,4 +1,4 @@
-"""What one window alone says of its vehicles under a model, as draws of equal weight.
+"""The posterior of one window's vehicles under a model, as draws of equal weight.
 
 They are drawn from the posterior of the exact likelihood (see `inference.posterior`), which a CTHP
 has, or from the normal approximation of `methods.simulation`, for any model.
@@ -47,14 +47,14 @@ STABILITY_DRAWS = 200
 
 @dataclass(frozen=True, eq=False)
 class WindowPosterior:
-    """What one window alone says of its M followers; nan for one that it does not determine."""
+    """The posterior of M followers from one window; nan for one that it does not determine."""
 
     estimates: FloatArray
     """(M, 6 + n) parameters of greatest likelihood, as `Parameters.everything`."""
     drawn: FloatArray
     """(M, n, p) draws of φ of equal weight from the posterior."""
     likely: FloatArray
-    """(M, n, p) the same with what other cars say as the prior; see `log_prior_of_likely`."""
+    """(M, n, p) draws of φ with other cars' population as prior; see `log_prior_of_likely`."""
     log_likelihood: FloatArray
     """(M, n) of the window's data at each draw, shared by all followers in Case I; nan for a model
     that is no CTHP."""
@@ -84,7 +84,7 @@ def window_posterior(
 def joint_posterior(
     segments: Segments, case: Case, spec: ModelSpec, kind: PosteriorKind = "likelihood"
 ) -> WindowPosterior:
-    """The same from some windows at once."""
+    """The posterior of several windows at once, which share their parameters."""
     space, followers = coordinates_of(spec.model), segments[0].followers
     speeds = median_speeds(segments)
     estimates = np.full((followers, 6 + spec.following.nonlinear_count), np.nan)

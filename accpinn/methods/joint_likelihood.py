@@ -58,7 +58,7 @@ class DisturbanceSize(Finding, frozen=True):
 
 
 class Rise(NamedTuple):
-    """Where the search for the maxima of G groups has come to; of each the best of its starts.
+    """The state of the search for the maxima of G groups; of each the best of its starts.
 
     At first it is where a caller's initial values are.
     """
@@ -170,7 +170,7 @@ def _further_starts(form: Form, maxima: Sequence[FloatArray]) -> list[FloatArray
 
 @lru_cache(maxsize=64)
 def without_bounds(segments: Segments, case: Case) -> dict[int, Maximum]:
-    """Where a bound is active, by group: the maximum without the rational driving constraints.
+    """The maximum without the rational driving constraints, by group, where a bound is active.
 
     It is that of the CTHP.
     """

@@ -65,7 +65,7 @@ class Innovations:
     errors: FloatArray
     """Independent of each other if the model holds; 0 where a sample is missing."""
     present: Mask
-    """Whether the sample is there."""
+    """Whether the sample is present."""
     distinct: FloatArray
     """(V, 3, B) the variances before each of their changes; 1 where a sample is missing."""
     which: NDArray[np.intp]
@@ -84,7 +84,7 @@ class Innovations:
 
 
 class Pairs(NamedTuple):
-    """Which models meet which measurements."""
+    """Pairs of a model and a series of measurements."""
 
     models: Places
     """(B,) of U models."""
@@ -109,8 +109,8 @@ class Part(NamedTuple):
     variances: FloatArray
     """(u, K, 3) v, or (u, 1, 3) where all instants have the same; 1 where a sample is missing."""
     units: FloatArray | None
-    """The same of the first of the models that are together, whose roots are the units; None where
-    each is by itself."""
+    """The variances of the first of the models that are together, whose roots are the units; None
+    where each is by itself."""
     more: FloatArray | float = 0.0
     """(u, r) what the first state adds."""
     first: FloatArray | None = None
@@ -118,7 +118,7 @@ class Part(NamedTuple):
 
     @property
     def repeats(self) -> int:
-        """How many instants have each of the variances."""
+        """The number of instants that share each of the variances."""
         return int(self.instants // self.variances.shape[1])
 
     @property
@@ -197,7 +197,7 @@ def _by_model(models: Places, columns: Places) -> tuple[Places, Places]:
 def _instants_parts(
     model: StateSpace, measured: FloatArray, columns: Places, together: int
 ) -> Iterator[Part]:
-    """Those of models each with measurements (N, 3, u), of which some are missing."""
+    """The parts of models each with measurements (N, 3, u), of which some are missing."""
     waiting = list[_Step]()
     for step in _filtered(model, measured):
         if waiting and (step.constant or len(waiting) == JOINED):
@@ -279,7 +279,7 @@ def _incomplete(present: Mask) -> int:
 
 
 def _end(present: Mask) -> int:
-    """How many instants (N, 3, B) there are up to the last sample."""
+    """The number of instants (N, 3, B) up to the last sample."""
     instants = np.flatnonzero(present.any(axis=(1, 2)))
     return int(instants[-1]) + 1 if len(instants) else 0
 
@@ -300,7 +300,7 @@ def evened(matrix: FloatArray) -> FloatArray:
 
 
 class Gains(NamedTuple):
-    """What the filter does with the measurements of an instant."""
+    """The filter's update by the measurements of an instant."""
 
     variances: FloatArray
     """(u, 3) V; infinite where a sample is missing."""
@@ -332,7 +332,7 @@ class Gains(NamedTuple):
         return self.moved / self.variances[:, :, None]
 
     def models(self, some: slice) -> "Gains":
-        """Those of some models."""
+        """The gains of some models."""
         return Gains(*(part[some] for part in self))
 
 
@@ -342,7 +342,7 @@ class Gains(NamedTuple):
 def _whole_parts(
     model: StateSpace, measured: FloatArray, series: Places, columns: Places, together: int
 ) -> Iterator[Part]:
-    """Those of measurements (N, 3, S), of which each of u models has the ``series`` (u, r)."""
+    """The parts of complete measurements (N, 3, S); each of u models has the ``series`` (u, r)."""
     samples, (count, repeats) = len(measured), series.shape
     filled = np.concatenate([measured, np.tile(measured[-1:], (-samples % BLOCK, 1, 1))])
     blocks, transition = _blocks(filled), first_axis(model.transition)
@@ -409,7 +409,7 @@ def _limits(
 def _doubled(
     transition: FloatArray, process: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The same, by doubling the instants."""
+    """The limits P* and O (u, n, n), by doubling the instants."""
     unit, covariance = np.eye(transition.shape[1]), process
     forward, back = transition, turned(transition)
     information = np.zeros_like(transition)  # on the first state

@@ -55,7 +55,7 @@ GAP_NOISE = [unknown.name for unknown in COMMON].index("gap_noise")
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where the criterion of one group is largest."""
+    """The maximum of the criterion of one group."""
 
     form: Form
     coordinates: FloatArray
@@ -242,7 +242,7 @@ def search(
 
 
 class Ascending(NamedTuple):
-    """Where a search of K rows has come to."""
+    """The state of a search of K rows."""
 
     coordinates: FloatArray
     """(K, P) z."""

@@ -1,4 +1,4 @@
-"""What the online methods share: the track of their estimates, and the assumptions of the filters.
+"""The online methods' common part: the track of estimates, and the assumptions of the filters.
 
 The state of a follower is (p, v). Between two samples it obeys the model, one step of the classical
 Runge-Kutta method with the predecessor's measured speed taken as straight. Measured are (p, v) with
@@ -268,5 +268,5 @@ def settings() -> dict[str, Any]:
 
 
 def symmetric(matrix: FloatArray) -> FloatArray:
-    """What rounding has made unequal, made equal again."""
+    """The symmetric part of matrices (.., n, n) that rounding made asymmetric."""
     return np.asarray((matrix + matrix.swapaxes(-1, -2)) / 2)

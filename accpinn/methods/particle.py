@@ -149,7 +149,7 @@ class _Cloud(online.Filter):
         return np.asarray((apart * self._weights[k]) @ apart.T)
 
     def _prepare(self, k: int) -> None:
-        """What a step makes of measurements, and of offsets, for the particles of a set."""
+        """The update of a set's particles by a step's measurements and offsets."""
         self._maps[k] = online.step_maps(self._theta[:, k].T, self._step).T
         mean = self._theta[:, k].mean(axis=1)
         self._transition[k], self._is_steady = online.step_maps(mean, self._step)[:, :2], False

@@ -108,7 +108,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What the steps of a window add to the sums; zero for a step that does not count."""
+    """The contributions of a window's steps to the sums; zero for a step that does not count."""
 
     terms: FloatArray
     """(M, N-1, 3) φ̄."""
@@ -173,7 +173,7 @@ def _determined(gram: FloatArray) -> Mask:
 
 
 def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[MethodFinding]:
-    """What the mean of estimates (K, G, 3) hides: θ never determined, bounds active for a time."""
+    """Findings on estimates (K, G, 3) behind their mean: θ undetermined, bounds active at times."""
     findings: list[MethodFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]

@@ -42,7 +42,7 @@ VARIANTS: dict[str, tuple[str, PinnConfig | None]] = {
 }
 """A method with the settings that a name stands for, where several are run side by side."""
 COMPARED = tuple(name for name in VARIANTS if name != "pinn-paper")
-"""Those that are compared unless others are named: training by the preset paper takes minutes."""
+"""The variants that are compared by default; training by the preset paper takes minutes."""
 SHIPPED = frozenset(VARIANTS)
 """Names of methods that are part of the package."""
 _KEY = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")

@@ -160,7 +160,7 @@ class _Window:
     """A window with its B-splines, and the banded solve for their coefficients."""
 
     curves: Trajectories
-    """What was smoothed last."""
+    """The motion that was smoothed last."""
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment

@@ -1,4 +1,4 @@
-"""What a car-following model is, and all that follows from its acceleration.
+"""A car-following model: an acceleration with named parameters, and all that follows from it.
 
 A model is an acceleration f(p, v, u; θ) of the space-gap p [m], the own speed v [m/s] and the speed
 ahead u [m/s], with names, units, bounds and typical values of its parameters θ:

@@ -223,15 +223,16 @@ def register_model(model: FollowingModel) -> None:
 
 
 def fingerprint(key: str) -> str:
-    """What tells one registered model from another of the same key; empty for the package's own.
+    """The fingerprint of a registered model; empty for the package's own.
 
-    It is a digest of the parameters with their priors, and of the acceleration at some motions.
+    Two models of the same key have different ones. It is a digest of the parameters with their
+    priors, and of the acceleration at some motions.
     """
     return _fingerprint(FOLLOWING[key]) if key in FOLLOWING.keys() - SHIPPED else ""
 
 
 def _fingerprint(model: FollowingModel) -> str:
-    """See `fingerprint`; whatever the acceleration raises is passed on."""
+    """See `fingerprint`; exceptions of the acceleration are passed on."""
     chance = np.random.default_rng(1)
     z = np.clip(chance.normal(size=(len(model.parameters), _PROBES)), -1.0, 1.0)
     theta = np.array([p.value(row) for p, row in zip(model.parameters, z, strict=True)])

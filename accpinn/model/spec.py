@@ -1,4 +1,4 @@
-"""Which model is meant: its key, and those of its parameters that keep given values."""
+"""The specification of a model: its key, and the parameters that keep given values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What is asked: an `Analysis` names data, model, method and settings; its key names the result.
+"""The question: an `Analysis` names data, model, method and settings; its key names the result.
 
 An analysis is a few lines of JSON. Two with equal keys have equal estimates: the key is the SHA-256
 of the data read from the recording, the vehicles, the windows, the Case, the excluded
@@ -35,7 +35,7 @@ tells, as a change in how windows are cut."""
 
 @dataclass(frozen=True)
 class Source:
-    """Which recording the data come from."""
+    """The recording that the data come from."""
 
     name: str
     """File name; it is no part of the key."""
@@ -46,7 +46,7 @@ class Source:
     data: str
     """SHA-256 of what was read: times, speeds, space-gaps and driver modes."""
     mapping: CsvMapping | None = None
-    """How a table was read, so that it can be read again; `data` is in the key in its place."""
+    """The mapping a table was read with, to read it again; the key has `data` in its place."""
 
     @classmethod
     def of(cls, recording: Recording) -> Self:
@@ -229,7 +229,7 @@ class Analysis(Displayed):
 
 
 def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
-    """What differs between two analyses, a few words each; empty where nothing does."""
+    """The differences between two analyses, a few words each; empty where they are equal."""
     before, after = _described(then), _described(now)
     if then.method == now.method:
         before |= then.settings

@@ -1,4 +1,4 @@
-"""What a batch takes: files, and in each recording complete stretches in ACC car-following.
+"""The plan of a batch: files, and in each recording complete stretches in ACC car-following.
 
 A follower qualifies at an instant where
 
@@ -110,7 +110,7 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
 
 
 def contradictions(recording: Recording) -> list[Inconsistency]:
-    """What the gaps of followers have against the speeds."""
+    """Contradictions between followers' gaps and speeds."""
     unlike = (finding for finding in recording.findings if isinstance(finding, Inconsistency))
     return [finding for finding in unlike if finding.is_contradiction]
 
@@ -219,7 +219,7 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
 
 @dataclass(frozen=True)
 class Listing:
-    """What a batch finds among its sources."""
+    """The files of a batch's sources, and those it leaves out."""
 
     files: list[Path]
     """Each once, those of a folder in the order of their names."""
@@ -296,7 +296,7 @@ def _is_note(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """What a batch will come to."""
+    """The expected size and duration of a batch."""
 
     files: int
     windows: float
@@ -308,13 +308,13 @@ class BatchEstimate:
     """Whether all files were read."""
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
-        """How long it takes, to within a factor of two or so, with so many workers at a time."""
+        """The duration with so many workers at a time, to within a factor of about two."""
         window = sum(map(_typical_seconds, methods))
         return START + WITHOUT_BLOCKS * window * self.size / workers
 
 
 def _typical_seconds(name: str) -> Seconds:
-    """Those of a method in `VARIANTS`, with its intervals where it has some."""
+    """The typical duration of a method in `VARIANTS`, with its intervals where it has some."""
     key, config = variant_of(name)
     kind = METHODS[key].posterior(config.to_json() if config else {})
     return METHODS[key].typical_seconds + (INTERVALS_SECONDS if kind else 0.0)

@@ -77,7 +77,7 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Entry:
-    """What a list of results shows of one."""
+    """One result's row in a list."""
 
     id: str
     """Name of its file: a key in the cache, the first digits of the digest in the library."""
@@ -92,7 +92,7 @@ class Entry:
     campaign: str = ""
     """Campaign of the recording; empty where it is not known."""
     window: str = ""
-    """As "0-300 s"."""
+    """The window in words: "0-300 s"."""
     vehicles: tuple[str, ...] = ()
     """Labels, leader first."""
     numbers: tuple[int, ...] = ()
@@ -163,7 +163,7 @@ class Shelf:
         self.folder, self.cap_bytes = place, cap_bytes
 
     def path(self, name: str) -> Path:
-        """Where a result lies; a name that is none never becomes a path.
+        """The path of a result's file; only a valid name becomes a path.
 
         Raises:
             SnapshotError: for what is no name.
@@ -173,7 +173,7 @@ class Shelf:
         return self.folder / f"{name}{SUFFIX}"
 
     def has(self, name: str) -> bool:
-        """Whether a file of that name is there, damaged or not."""
+        """Whether a file of that name exists, damaged or not."""
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
@@ -262,7 +262,7 @@ class Shelf:
         return owner_of(self.path(name))
 
     def _transact(self, work: Callable[[sqlite3.Connection], T]) -> T | None:
-        """What ``work`` does with the index in one transaction; None where it cannot be read.
+        """Apply ``work`` to the index in one transaction; None where it cannot be read.
 
         A damaged index is set aside and made again. Where the fault is another, which may pass, the
         index stays as it is and the work is done on an empty one, which lasts for this call alone.
@@ -410,11 +410,11 @@ class Store(Shelf):
     def __init__(
         self, place: str | os.PathLike[str] | None = None, cap_bytes: int = CACHE_BYTES
     ) -> None:
-        """By default in the user's cache folder."""
+        """Open the store in a folder, by default in the user's cache folder."""
         super().__init__(folder("cache") if place is None else Path(place), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
-        """What was found for an analysis; None where nothing was."""
+        """The stored result of an analysis; None where there is none."""
         path = self.path(analysis.key)
         try:
             result = read(path.read_bytes())
@@ -491,7 +491,7 @@ class Store(Shelf):
         self._transact(keep)
 
     def session(self, session: str) -> bytes | None:
-        """What a session had open; None for one that is not known."""
+        """The document of an open session; None for one that is not stored."""
         document: bytes | None = self._ask("select document from sessions where name = ?", session)
         return document
 
@@ -546,7 +546,7 @@ class Store(Shelf):
         return True
 
     def refuse(self, name: str, fault: Exception, say: Say | None) -> None:
-        """Say why a file is of no use; the next one of its name takes its place."""
+        """Report why a file cannot be used; the next one of its name takes its place."""
         reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:160]
         follows = (
             "the training begins anew" if name.endswith(STATE) else "what it held is computed again"
@@ -578,7 +578,7 @@ class StoredCheckpoints:
     """The checkpoint of one training in the store, as `methods.Checkpoints` asks."""
 
     def __init__(self, store: Store, key: str, say: Say | None) -> None:
-        """Where it lies."""
+        """The checkpoint of a training by its key."""
         self._store, self._path, self._say = store, store.folder / f"{key}{STATE}", say
 
     def load(self, most: int) -> Checkpoint | None:
@@ -599,7 +599,7 @@ class StoredCheckpoints:
         self._store.write(self._path, packed.getvalue(), self._say)
 
     def reject(self, fault: Exception) -> None:
-        """Say that no training can go on from the state."""
+        """Report that no training can continue from the state."""
         self._store.refuse(self._path.name, fault, self._say)
 
     def drop(self) -> None:

@@ -67,10 +67,10 @@ _USUAL: dict[PresetName, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class PinnConfig:
-    """What determines a training, and nothing else: equal configs give equal results."""
+    """The settings that determine a training: equal configs give equal results."""
 
     preset: PresetName = DEFAULT
-    """Which training runs."""
+    """The training that runs; see `PRESETS`."""
     iterations: int = OF_PRESET
     """Adam iterations at most, or of `calibrated` rounds of its search; `fast` and `calibrated` end
     earlier once they have converged."""

@@ -132,7 +132,7 @@ class FollowingFast(FastTraining):
         return self._seen_with(window, replace(seen, whole=whole), solution)
 
     def _seen_with(self, window: Surrogate, seen: Seen, solution: FloatArray) -> Seen:
-        """The same with Φ at t - d, where the model has a delay; at first that of t = 0."""
+        """The inputs with Φ at t - d, where the model has a delay; at first that of t = 0."""
         if "delay" not in self.terms:
             return seen
         time = window.data.segment.time

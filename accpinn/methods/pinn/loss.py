@@ -52,7 +52,7 @@ def library_of(values: Any) -> Any:
 
 
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
-    """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
+    """Columns of speeds (M+1) and space-gaps (M) among the outputs v_0, v_1, p_1, v_2, p_2, .."""
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
 
 
@@ -102,7 +102,7 @@ class Motion(NamedTuple):
     """(3, N, M) their time derivative, where d is not moved by gradient."""
 
     def with_earlier(self, network: Callable[..., Any], time: Any, delays: Any) -> "Motion":
-        """The same with what a network gives a time d (M,) before the instants (N,), at least at 0.
+        """The motion with a network's outputs a delay d (M,) before the instants (N,), from 0 on.
 
         All are arrays, or all are tensors.
         """

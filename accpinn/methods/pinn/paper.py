@@ -58,7 +58,7 @@ class Part(NamedTuple):
 
     @classmethod
     def of(cls, data: WindowData, instants: Mask) -> "Part":
-        """Those at which a mask (N,) is True."""
+        """The instants at which a mask (N,) is True."""
         mask = None if data.mask is None else torch.from_numpy(data.mask[instants])
         time, measured = data.segment.time[instants], data.measured[instants]
         return cls(torch.from_numpy(time), torch.from_numpy(measured), mask)

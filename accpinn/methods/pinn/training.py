@@ -210,7 +210,7 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
 
 
 def _threads(preset: PresetName, context: TaskContext) -> int:
-    """How many threads a training gets; thousands would exhaust the system.
+    """The number of threads of a training; thousands would exhaust the system.
 
     They share each small product, and one that waits for a busy core costs far more than another
     gains: where nobody chose, minibatches get one, and `paper` leaves a core to others.
