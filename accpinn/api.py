@@ -174,7 +174,7 @@ def _method(
             )
     preset = changes.get("preset")
     if method is None:
-        method = recommended_method(model) if preset is None else "pinn"
+        method = recommended_method(model, preset)
     found = method_of(method)
     if method != found.key and preset not in (None, DEFAULT):  # an alias means a certain preset
         raise ConfigError(

@@ -172,8 +172,8 @@ def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
     pairs = [*given, *options.settings]
     if twice := [name for name, count in Counter(n for n, _ in pairs).items() if count > 1]:
         raise ConfigError(f"settings: {twice[0]} is given twice; give it once.")
-    method = recommended_method(options.model) if options.preset is None else "pinn"
-    method = method_of(options.method or method).key
+    recommended = recommended_method(options.model, options.preset)
+    method = method_of(options.method or recommended).key
     if method_of(method).settings:
         return dict(pairs)
     for name, value in [*((n, getattr(options, n)) for n in _SETTINGS), *options.settings]:

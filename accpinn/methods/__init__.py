@@ -101,6 +101,12 @@ class Method:
     """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Estimate.settings` that distinguish two estimates of this method."""
+    description: Callable[[Mapping[str, Any]], str] | None = None
+    """One sentence on its estimates with settings as JSON; by default see `described`."""
+    curve_title: str = ""
+    """The name of its curves in figures; empty for its title."""
+    minimises_papers_loss: Callable[[Mapping[str, Any]], bool] = lambda _: False
+    """Whether, with settings as JSON, its point is the minimum of the paper's loss Ψ."""
     is_closed_loop: bool = False
     """Whether its curves are its closed-loop simulation and so no surrogate."""
     allows_missing: Callable[[Mapping[str, Any]], bool] = lambda _: False
@@ -124,6 +130,13 @@ class Method:
         if self.duration:
             return self.duration(segments, settings)
         return self.typical_seconds * sum(map(relative_size, segments))
+
+    def described(self, settings: Mapping[str, Any]) -> str:
+        """One sentence on its estimates with settings as JSON: method, and whether intervals."""
+        if self.description:
+            return self.description(settings)
+        has_posterior = self.posterior(settings) is not None
+        return f"{self.title}{', with intervals' if has_posterior else ': a point'}."
 
     def usual_spec(self, settings: Any = None) -> ModelSpec:
         """The model that is estimated unless another is named."""

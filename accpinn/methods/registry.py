@@ -15,7 +15,7 @@ from accpinn.methods import (
     splines,
 )
 from accpinn.methods.pinn import training as pinn
-from accpinn.methods.pinn.config import PRESETS, PinnConfig
+from accpinn.methods.pinn.config import DEFAULT, PRESETS, PinnConfig
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import IncompleteWindow, cut
@@ -79,13 +79,15 @@ def register_method(method: Method) -> None:
     VARIANTS[method.key] = (method.key, None)
 
 
-def recommended_method(model: str | None = None) -> str:
+def recommended_method(model: str | None = None, preset: str | None = None) -> str:
     """The method by which a model is estimated unless another is named.
 
-    It is the one with a posterior: the PiNN's preset calibrated, or else simulation.
+    It is the one with a posterior: the PiNN's preset calibrated, or else simulation. A preset that
+    is named is the PiNN's.
     """
-    able = METHODS["pinn"].models(PRESETS["calibrated"].to_json())
-    return "pinn" if model is None or model in able else simulation.METHOD.key
+    able = pinn.METHOD.models(PRESETS[DEFAULT].to_json())
+    is_pinn = preset is not None or model is None or model in able
+    return pinn.METHOD.key if is_pinn else simulation.METHOD.key
 
 
 def method_of(key: str) -> Method:
@@ -124,7 +126,7 @@ def variant_of(name: str) -> tuple[str, PinnConfig | None]:
 def variant_name(method: str, settings: Mapping[str, Any]) -> str:
     """The name in `VARIANTS` of a method with settings as JSON; presets count, not options."""
     preset = settings.get("preset")
-    return method if preset in (None, "calibrated") else f"{method}-{preset}"
+    return method if preset in (None, DEFAULT) else f"{method}-{preset}"
 
 
 def segment_for(

@@ -537,5 +537,6 @@ METHOD = Method(
     KEY, "Simulation", fit, typical_seconds=1.4, version=3, is_closed_loop=True,
     models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
     posterior=lambda _: "simulation",
+    description=lambda _: "Closed-loop simulation, with intervals.",
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from numbers import Real
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import msgspec
 import numpy as np
@@ -25,6 +25,37 @@ PresetName = Literal["fast", "calibrated", "paper"]
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 DEFAULT: PresetName = "calibrated"
 """The preset of whoever names none, in Python, on the command line and on pages."""
+
+
+class PresetInfo(NamedTuple):
+    """A preset's properties for pages, tables and the command line."""
+
+    title: str
+    """Its name on pages."""
+    description: str
+    """One sentence on its estimates."""
+    minimises_papers_loss: bool = False
+    """Whether its point is the minimum of the paper's Ψ."""
+    has_posterior: bool = False
+    """Whether its estimates have intervals, by the exact likelihood; samples may then be missing,
+    and the model is a CTHP."""
+
+
+PRESET_INFOS: dict[PresetName, PresetInfo] = {
+    "calibrated": PresetInfo(
+        "Recommended", "PiNN, calibrated, with intervals.", has_posterior=True
+    ),
+    "fast": PresetInfo(
+        "Fast", "The paper's loss, solved exactly: a point, biased where disturbances last.", True
+    ),
+    "paper": PresetInfo(
+        "Paper",
+        "The paper's training by gradient, many minutes: a point, biased where disturbances last.",
+        True,
+    ),
+}
+"""Every preset, in the order of pages. On pages the default one stands for the recommended method
+of the chosen model, whichever that is."""
 NAMES = "fast, calibrated or paper"
 OF_PRESET: Any = None
 """The default of settings in which presets differ, until `PinnConfig` fills in the preset's."""

@@ -57,7 +57,7 @@ class NormalEquations:
     """(2M+1,) the data at the first instant."""
 
     def with_late(self, late: Iterable[FloatArray], mask: Mask | None) -> Self:
-        """The equations for late accelerations (M,) of (N, 2, K), as `Projection.late` gives them."""
+        """The equations for late accelerations (M,) of (N, 2, K); see `Projection.late`."""
         grams = []
         for follower, seen in enumerate(late):
             part = seen if mask is None else seen[mask[:, follower]]

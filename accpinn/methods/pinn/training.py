@@ -27,8 +27,10 @@ from accpinn.methods.pinn.config import (
     FAST,
     METHOD_VERSION,
     PAPER,
+    PRESET_INFOS,
     PRESETS,
     PinnConfig,
+    PresetInfo,
     PresetName,
 )
 from accpinn.methods.pinn.loss import Training, trajectories
@@ -299,16 +301,21 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
     return shared
 
 
+def _info(settings: Mapping[str, Any]) -> PresetInfo:
+    """The properties of the settings' preset; without one, as of a hand-made estimate, none."""
+    return PRESET_INFOS.get(settings.get("preset", ""), PresetInfo("", ""))
+
+
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models, the paper's first; of the preset `calibrated` the CTHPs, the best one first."""
-    if settings["preset"] == "calibrated":
+    """All models, the paper's first; of a preset with a posterior the CTHPs, the best one first."""
+    if _info(settings).has_posterior:
         linear = (key for key, model in FOLLOWING.items() if model.is_linear and key != BEST)
         return (BEST, *linear)
     return tuple(FOLLOWING)
 
 
 def _posterior(settings: Mapping[str, Any]) -> PosteriorKind | None:
-    return "likelihood" if settings["preset"] == "calibrated" else None
+    return "likelihood" if _info(settings).has_posterior else None
 
 
 def _variant(config: Mapping[str, Any]) -> str:
@@ -333,5 +340,8 @@ METHOD = Method(
     redraw=redraw,
     models=_models,
     posterior=_posterior,
-    allows_missing=lambda settings: bool(settings["preset"] == "calibrated"),
+    allows_missing=lambda settings: _info(settings).has_posterior,
+    description=lambda settings: _info(settings).description,
+    curve_title="network",
+    minimises_papers_loss=lambda settings: _info(settings).minimises_papers_loss,
 )
