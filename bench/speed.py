@@ -19,7 +19,7 @@ import numpy as np
 import torch  # noqa: F401 (loaded before the first call is timed)
 
 from accpinn.channels import PARAMETERS
-from accpinn.inference.window_posterior import sampled, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Estimate
 from accpinn.methods.pinn.config import FAST
@@ -109,8 +109,7 @@ def several_windows(folder: Path) -> Iterator[Measurement]:
     windows, points = car_following(recording), list[Seconds]()
 
     def once() -> Spent:
-        for remembered in (window_posterior, sampled):
-            remembered.cache_clear()
+        window_posterior.cache_clear()
         started = perf_counter()
         context = TaskContext(on_estimate=lambda _: points.append(perf_counter() - started))
         analysis = Analysis.of(recording, windows)

@@ -1,7 +1,6 @@
 """Probabilities of string stability, gains and bands from the draws of an estimate."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -93,7 +92,6 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
-@lru_cache(maxsize=64)
 def growth(
     uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond | None = None
 ) -> tuple[float, float]:

@@ -15,7 +15,6 @@ The innovations of the CTHP test whether it holds (see `inference.innovation_tes
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,7 +135,6 @@ class Adequacy:
         return tuple(finding for finding in self.findings if isinstance(finding, BetterForm))
 
 
-@lru_cache(maxsize=32)
 @one_thread
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     """Estimate every form of the model on a segment.

@@ -20,7 +20,6 @@ its linearisation is simulated.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -97,7 +96,6 @@ class GapBand:
     """One finding for each follower with a band."""
 
 
-@lru_cache(maxsize=64)  # one for each of many users at a time
 def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 

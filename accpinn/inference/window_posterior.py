@@ -110,7 +110,6 @@ def joint_posterior(
     return WindowPosterior(estimates, drawn, likely, log_likelihood, spec.model, speeds)
 
 
-@lru_cache(maxsize=64)
 def sampled(
     segments: Segments, case: Case, spec: ModelSpec
 ) -> Sequence[tuple[list[int], Maximum, Posterior]]:

@@ -168,7 +168,6 @@ def _further_starts(form: Form, maxima: Sequence[FloatArray]) -> list[FloatArray
     return starts
 
 
-@lru_cache(maxsize=64)
 def without_bounds(segments: Segments, case: Case) -> dict[int, Maximum]:
     """The maximum without the rational driving constraints, by group, where a bound is active.
 

@@ -30,7 +30,7 @@ Methodology 28 (2002) 169-181, for few blocks.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
@@ -386,7 +386,6 @@ def refuse_short(segment: Segment) -> None:
         )
 
 
-@lru_cache(maxsize=256)
 def estimates(
     segments: Segments, case: Case, spec: ModelSpec
 ) -> tuple[tuple[list[int], Optimum], ...]:
