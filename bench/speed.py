@@ -73,13 +73,13 @@ def training(case: BenchCase, folder: Path) -> Iterator[Measurement]:
     """Time the fast preset, and measure its distance from the limit of the loss."""
     segment = case.segment(folder)
     limit = METHODS["splines"].fit(segment, case.case).parameters.values
-    found = deque[Estimate](maxlen=1)  # of which memory need not hold more
-    once = partial(spent_on, lambda: found.append(METHODS["pinn"].fit(segment, case.case, FAST)))
+    latest = deque[Estimate](maxlen=1)  # of which memory need not hold more
+    once = partial(spent_on, lambda: latest.append(METHODS["pinn"].fit(segment, case.case, FAST)))
     yield timed("first call", once, rounds=1)
     yield timed("fast preset", once, case.fast_limit)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     in_megabytes = 1e6 if sys.platform == "darwin" else 1e3
-    distance = 100 * np.abs(found[0].parameters.values / limit - 1).max(0)
+    distance = 100 * np.abs(latest[0].parameters.values / limit - 1).max(0)
     for quantity, percent in zip(PARAMETERS, distance, strict=True):
         name = f"{quantity.symbol}, from the limit of the loss"
         yield Measurement(name=name, value=float(percent), unit="%")
@@ -120,9 +120,9 @@ def several_windows(folder: Path) -> Iterator[Measurement]:
 
 
 def _estimated(case: BenchCase, segment: Segment) -> None:
-    asked = Analysis(Source(segment.source, segment.sha256, None, segment.info.digest),
+    analysis = Analysis(Source(segment.source, segment.sha256, None, segment.info.digest),
                      segment.vehicles, (segment.window,), case.case)  # fmt: skip
-    assert estimate(asked, (segment,)).posterior
+    assert estimate(analysis, (segment,)).posterior
 
 
 def _compare_all(case: BenchCase, folder: Path, segment: Segment) -> None:
