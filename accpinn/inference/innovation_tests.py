@@ -74,12 +74,12 @@ class InnovationTests:
     @property
     def united(self) -> "InnovationTests":
         """The tests (1,) of all followers together, by Fisher's method."""
-        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in self._all))
-
-
-def _united(values: FloatArray) -> FloatArray:
-    statistic = -2.0 * np.log(np.maximum(values, 1e-300)).sum()
-    return np.array([chdtrc(2 * len(values), statistic)])
+        united = []
+        for probabilities in self._all:
+            finite = probabilities[np.isfinite(probabilities)]
+            statistic = -2.0 * np.log(np.maximum(finite, 1e-300)).sum()
+            united.append(np.array([chdtrc(2 * len(finite), statistic)]))
+        return InnovationTests(*united)
 
 
 def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:

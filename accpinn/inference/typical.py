@@ -58,8 +58,10 @@ class HeterogeneousWindows(Finding, frozen=True):
     def _words(self, about: Labelled) -> Words:
         has_gaps = self.spread is not None
         gaps = f", their time gaps by up to {self.spread:.2f} s" if has_gaps else ""
-        named = _named(self.vehicles, about)
-        return {"probability": p_value(self.probability), "gaps": gaps, "named": named}
+        labels = [about.label(number) if number else "all followers" for number in self.vehicles]
+        return {
+            "probability": p_value(self.probability), "gaps": gaps, "named": joined(labels),
+        }  # fmt: skip
 
 
 class HeterogeneousFollowers(Finding, frozen=True):
@@ -122,10 +124,6 @@ class FewDraws(Finding, frozen=True):
 PosteriorFinding = (
     HeterogeneousWindows | HeterogeneousFollowers | OutsideInterval | NotDetermined | FewDraws
 )
-
-
-def _named(vehicles: Sequence[int], about: Labelled) -> str:
-    return joined([about.label(number) if number else "all followers" for number in vehicles])
 
 
 @one_thread

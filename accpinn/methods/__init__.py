@@ -157,6 +157,7 @@ class Method:
                 f" {spec.model} choose the method simulation or the PiNN's preset fast or paper."
             )
 
+    @one_thread
     def fit(
         self,
         segments: Segment | Segments,
@@ -185,13 +186,7 @@ class Method:
             for segment in windows:
                 if segment.blocks_missing:
                     raise _refusal(segment, self.title)
-        return self._run(windows, case, settings, context or TaskContext(), spec)
-
-    @one_thread
-    def _run(
-        self, segments: Segments, case: Case, settings: Any, context: TaskContext, spec: ModelSpec
-    ) -> Estimate:
-        return self.run(segments, case, settings, context, spec)
+        return self.run(windows, case, settings, context or TaskContext(), spec)
 
     def _json(self, settings: Any) -> Mapping[str, Any]:
         """Settings as JSON; those by default where None are given."""

@@ -64,7 +64,9 @@ class _Cloud(online.Filter):
         super().__init__(followers, case)
         sets = self.sets
         self._random = np.random.default_rng(SEED)
-        self._theta = _first_theta(self._random, sets)
+        draws = self._random.standard_normal((3, sets, PARTICLES)).T * SPREAD
+        alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
+        self._theta = np.stack([alpha, alpha * tau, beta])
         self._spread, self._transition, self._precision = np.empty((3, sets, 2, 2))
         self._is_steady = False
         self._maps = np.empty((sets, 4, 2, PARTICLES))
@@ -167,13 +169,6 @@ class _Cloud(online.Filter):
         self._offsets[k] = self._offsets[k][..., chosen]
         self._logs[k] = 0.0
         self._steps_since[k] = 0
-
-
-def _first_theta(random: np.random.Generator, sets: int) -> FloatArray:
-    """(3, G, P) α, ατ, β."""
-    draws = random.standard_normal((3, sets, PARTICLES)).T * SPREAD
-    alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
-    return np.stack([alpha, alpha * tau, beta])
 
 
 METHOD = direct(

@@ -25,7 +25,7 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ from accpinn.methods.estimate import (
     Outcome,
     WeaklyDetermined,
 )
-from accpinn.methods.online import Turn, in_turn, track
+from accpinn.methods.online import in_turn, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
@@ -83,7 +83,10 @@ def fit(
     variance = np.maximum(summed(lambda rows: rows.rates**2) - explained, 0.0) / weight
     covariance = inverse @ summed(_Rows.products, power=2) @ inverse
 
-    late = _driven(turns) >= min(memory, sum(s.window.duration for s in segments) / 2)
+    # Time spent in windows up to the tracked samples.
+    begins = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
+    driven = [b + t.segment.time[t.tracked] for b, t in zip(begins, turns, strict=True)]
+    late = np.concatenate(driven) >= min(memory, sum(s.window.duration for s in segments) / 2)
     means = []
     for k in range(theta.shape[1]):
         counts = late & determined[:, k]
@@ -153,13 +156,6 @@ def _fading_sums(
         sums, _ = lfilter([1.0], [1.0, -keep], values, axis=1, zi=before)
         last = sums[:, -1:]
         parts.append(sums[:, np.array(samples) - 1].swapaxes(0, 1))
-    return np.concatenate(parts)
-
-
-def _driven(turns: Sequence[Turn]) -> FloatArray:
-    """(K,) the time spent in windows up to the kept samples, in s."""
-    before = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
-    parts = [begin + t.segment.time[t.tracked] for begin, t in zip(before, turns, strict=True)]
     return np.concatenate(parts)
 
 

@@ -218,14 +218,14 @@ class Analysis(Displayed):
         """
         if recording is None:
             raise SegmentError(f"{self.source.name}: the data are not at hand; open the recording.")
-        return tuple(self._segment(recording, window) for window in self.windows)
-
-    def _segment(self, recording: Recording, window: Window) -> Segment:
-        variants = [(self.method, self.settings)]
-        segment = segment_for(variants, recording, window.start, window.duration, self.vehicles)
-        if not self.excluded:
-            return segment
-        return exclude_regimes(segment, label_regimes(segment, recording), self.excluded)
+        variants, segments = [(self.method, self.settings)], list[Segment]()
+        for start, duration in ((window.start, window.duration) for window in self.windows):
+            segment = segment_for(variants, recording, start, duration, self.vehicles)
+            if self.excluded:
+                regimes = label_regimes(segment, recording)
+                segment = exclude_regimes(segment, regimes, self.excluded)
+            segments.append(segment)
+        return tuple(segments)
 
 
 def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:

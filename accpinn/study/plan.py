@@ -309,15 +309,12 @@ class BatchEstimate:
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
         """The duration with so many workers at a time, to within a factor of about two."""
-        window = sum(map(_typical_seconds, methods))
+        window = 0.0
+        for key, config in map(variant_of, methods):
+            method = METHODS[key]
+            has_posterior = method.posterior(config.to_json() if config else {}) is not None
+            window += method.typical_seconds + (INTERVALS_SECONDS if has_posterior else 0.0)
         return START + WITHOUT_BLOCKS * window * self.size / workers
-
-
-def _typical_seconds(name: str) -> Seconds:
-    """The typical duration of a method in `VARIANTS`, with its intervals where it has some."""
-    key, config = variant_of(name)
-    kind = METHODS[key].posterior(config.to_json() if config else {})
-    return METHODS[key].typical_seconds + (INTERVALS_SECONDS if kind else 0.0)
 
 
 def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:

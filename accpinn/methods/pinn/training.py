@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import TYPICAL_SAMPLES, Method, PosteriorKind, Segments, TaskContext
+from accpinn.methods import TYPICAL_SAMPLES, Method, Segments, TaskContext
 from accpinn.methods.estimate import Continued, Estimate, Outcome, Recorder, of_window
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
@@ -314,10 +314,6 @@ def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(FOLLOWING)
 
 
-def _posterior(settings: Mapping[str, Any]) -> PosteriorKind | None:
-    return "likelihood" if _info(settings).has_posterior else None
-
-
 def _variant(config: Mapping[str, Any]) -> str:
     """The preset, and whether settings differ from it."""
     name = str(config.get("preset", ""))
@@ -339,7 +335,7 @@ METHOD = Method(
     duration=typical_seconds,
     redraw=redraw,
     models=_models,
-    posterior=_posterior,
+    posterior=lambda settings: "likelihood" if _info(settings).has_posterior else None,
     allows_missing=lambda settings: _info(settings).has_posterior,
     description=lambda settings: _info(settings).description,
     curve_title="network",
