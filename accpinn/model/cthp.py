@@ -124,7 +124,7 @@ class Parameters:
     @property
     def is_linear(self) -> bool:
         """Whether these are a CTHP's, the same at every speed, and so have no `nonlinear`."""
-        return self.everything.shape[-1] == 6
+        return bool(self.everything.shape[-1] == 6)
 
     @classmethod
     def from_theta(cls, theta: ArrayLike) -> Self:

@@ -225,7 +225,7 @@ class FollowingModel:
 
     def has_terms_of(self, parameters: Parameters) -> bool:
         """Whether it has all terms that parameters have, so that each has the same meaning."""
-        return parameters.nonlinear.shape[-1] == len(self.parameters)
+        return bool(parameters.nonlinear.shape[-1] == len(self.parameters))
 
     def simulate(
         self,

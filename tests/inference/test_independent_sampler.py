@@ -61,4 +61,4 @@ def test_the_posterior_of_a_window_is_that_of_an_ensemble_of_walkers() -> None:
 def test_the_posterior_of_a_population_is_that_of_an_ensemble_of_walkers() -> None:
     rng = np.random.default_rng(3)
     windows_drawn = drawn(rng.multivariate_normal(CENTRE, BOTH, 4), 3, 100)
-    assert agree(*of_population(*windows_drawn, TAUGHT, walkers=60, steps=900, left_out=200))
+    assert agree(*of_population(*windows_drawn, TAUGHT, walkers=60, steps=500, left_out=120))
