@@ -19,7 +19,7 @@ from accpinn.errors import ConfigError, shown
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import OnProgress
 from accpinn.methods.pinn.config import DEFAULT
-from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.platoon import PlatoonRun
@@ -174,7 +174,7 @@ def _method(
             )
     preset = changes.get("preset")
     if method is None:
-        method = recommended_method(model) if preset is None else "pinn"
+        method = recommended_method(model, preset)
     found = method_of(method)
     if method != found.key and preset not in (None, DEFAULT):  # an alias means a certain preset
         raise ConfigError(
@@ -366,7 +366,7 @@ def compare(
     """
     data = _data(source)
     for name in methods:
-        known_variant(name)
+        variant_key(name)
     analysis = analyse(
         data, start, duration, vehicles, windows=windows, case=case, model=model, fixed=fixed,
         exclude=exclude,
@@ -447,7 +447,7 @@ def simulate_platoon(
                 f"model: the result is of {parameters.estimate.model}; leave model out."
             )
         model = parameters.estimate.model
-    elif sets.own.size and model is None:
+    elif not sets.is_linear and model is None:
         raise ConfigError(
             "model: these parameters are of a model that is no CTHP; name it, or give the result."
         )

@@ -26,7 +26,7 @@ PATIENCE: Seconds = 600.0
 Value = float | str | bool | tuple[str, ...]
 """Value of a field, a toggle or a row of segments."""
 FIELDS = {bool: "bool_value", str: "string_value"}
-"""Where a widget's state has values of a type; numbers are in `double_value`."""
+"""The field of a widget's state by the value's type; numbers are in `double_value`."""
 XSRF = "_streamlit_xsrf"
 
 

@@ -45,7 +45,7 @@ LARGEST_MEGABYTES = 40.0
 
 @dataclass(frozen=True)
 class Request:
-    """What one user asks for."""
+    """The analysis that one user asks for."""
 
     name: str
     """Name of the recording and of the snapshot."""
@@ -65,8 +65,8 @@ class Request:
         analysis = Analysis.of(
             recording, single_window(self.start, LENGTH), settings=replace(FAST, seed=self.seed)
         )
-        found = [(result.infos, result.parameters) for result in (saved, run(analysis, recording))]
-        return found[0] == found[1]
+        pairs = [(result.infos, result.parameters) for result in (saved, run(analysis, recording))]
+        return pairs[0] == pairs[1]
 
 
 class Load:
@@ -153,8 +153,10 @@ def measure(place: Path, users: int, pause: Seconds) -> Iterator[Measurement]:
         asyncio.run(first.journeys(1, 1))
         asyncio.run(load.journeys(users))
         yield from load.times()
-        each = (load.memory - first.memory) / users
-        yield Measurement(name="memory a user", value=each, unit="MB", at_most=LARGEST_MEGABYTES)
+        megabytes = (load.memory - first.memory) / users
+        yield Measurement(
+            name="memory a user", value=megabytes, unit="MB", at_most=LARGEST_MEGABYTES
+        )
         process = psutil.Process(server.process.pid)
         yield Measurement(name="threads", value=process.num_threads(), unit="")
         yield Measurement(name="open files", value=process.num_fds(), unit="")

@@ -1,4 +1,4 @@
-"""How long a switch of pages takes in a browser, on a warm server with a trained recording.
+"""Duration of a switch of pages in a browser, on a warm server with a trained recording.
 
 Each switch is timed from the click in the sidebar until the script has ended and the page's chart
 is drawn.

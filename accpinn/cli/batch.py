@@ -15,7 +15,7 @@ from accpinn.cli.output import interruptible, note, print_json, show, show_resul
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.methods.registry import COMPARED, known_variant
+from accpinn.methods.registry import COMPARED, variant_key
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
@@ -77,7 +77,7 @@ def run_batch(options: argparse.Namespace) -> int:
             options.sources,
             options.out,
             window=_seconds(options.window),
-            methods=named_keys(options.methods, COMPARED, known_variant),
+            methods=named_keys(options.methods, COMPARED, variant_key),
             case=options.case,
             model=options.model,
             workers=options.workers,

@@ -34,7 +34,7 @@ from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import DEFAULT, FAST, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.results.documents import (
     describe_comparison,
@@ -174,8 +174,8 @@ def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
     pairs = [*given, *options.settings]
     if twice := [name for name, count in Counter(n for n, _ in pairs).items() if count > 1]:
         raise ConfigError(f"settings: {twice[0]} is given twice; give it once.")
-    method = recommended_method(options.model) if options.preset is None else "pinn"
-    method = method_of(options.method or method).key
+    recommended = recommended_method(options.model, options.preset)
+    method = method_of(options.method or recommended).key
     if method_of(method).settings:
         return dict(pairs)
     for name, value in [*((n, getattr(options, n)) for n in _SETTINGS), *options.settings]:
@@ -232,7 +232,7 @@ def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with errors of both kinds."""
     if options.models:
         return run_judge(options)
-    methods = named_keys(options.methods, COMPARED, known_variant)
+    methods = named_keys(options.methods, COMPARED, variant_key)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(

@@ -37,7 +37,7 @@ SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
 EXACT = "posterior of the exact likelihood, and how windows of many cars differ"
 BY_SIMULATION = "normal approximation in closed loop, and how windows of many cars differ"
-"""How draws are made, by what a window's posterior comes from."""
+"""The method of drawing, in words, by the source of a window's posterior."""
 
 
 class HeterogeneousWindows(Finding, frozen=True):
@@ -57,10 +57,12 @@ class HeterogeneousWindows(Finding, frozen=True):
     `stated_speed`; None where fewer than two have one."""
 
     def _words(self, about: Labelled) -> Words:
-        known = self.spread is not None
-        gaps = f", their time gaps by up to {self.spread:.2f} s" if known else ""
-        named = _named(self.vehicles, about)
-        return {"probability": p_value(self.probability), "gaps": gaps, "named": named}
+        has_gaps = self.spread is not None
+        gaps = f", their time gaps by up to {self.spread:.2f} s" if has_gaps else ""
+        labels = [about.label(number) if number else "all followers" for number in self.vehicles]
+        return {
+            "probability": p_value(self.probability), "gaps": gaps, "named": joined(labels),
+        }  # fmt: skip
 
 
 class HeterogeneousFollowers(Finding, frozen=True):
@@ -125,10 +127,6 @@ PosteriorFinding = (
 )
 
 
-def _named(vehicles: Sequence[int], about: Labelled) -> str:
-    return joined([about.label(number) if number else "all followers" for number in vehicles])
-
-
 @one_thread
 def with_posterior(
     estimate: Estimate,
@@ -167,9 +165,10 @@ def with_posterior(
             some[row, k] = space.possible(some[row, k], float(speeds[k]))
     alone = space.parameters(np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, level)
-    own = Parameters.of(np.array([window.estimates for window in windows]))
+    by_window = Parameters.of(np.array([window.estimates for window in windows]))
     if not estimate.following.is_linear:
-        own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
+        theta = np.moveaxis(by_window.nonlinear, -1, 0)
+        by_window = estimate.following.linearisations(theta, speeds)
     cars: list[Car] = []
     for k in followers:
         step(VARIATION, k, len(followers))
@@ -185,9 +184,9 @@ def with_posterior(
         return space.parameters(np.stack(usable, axis=-2), speeds)
 
     # The ends are those of draws beside the estimates, which may be bounds.
-    low = Parameters.of(np.fmin(own.everything, lower))
-    high = Parameters.of(np.fmax(own.everything, upper))
-    gaps = time_gap(model, own, estimate.stated_speed)
+    low = Parameters.of(np.fmin(by_window.everything, lower))
+    high = Parameters.of(np.fmax(by_window.everything, upper))
+    gaps = time_gap(model, by_window, estimate.stated_speed)
     gap_low, gap_high = interval_ends(time_gap(model, alone, estimate.stated_speed), level)
     is_shared = segments[0].shares(case)
     posterior = Posterior(
@@ -206,7 +205,7 @@ def with_posterior(
             else float("nan")
         ),
     )
-    return replace(estimate, posterior=posterior, windows=own)
+    return replace(estimate, posterior=posterior, windows=by_window)
 
 
 def posterior_phases(
@@ -225,7 +224,7 @@ def posterior_phases(
 
 
 def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[PosteriorFinding, ...]:
-    """What an estimate with a posterior should be read with; none for a point.
+    """Findings about the posterior of an estimate; none for a point.
 
     The vehicles (M+1,) are numbers in the file, leader first.
     """
@@ -249,14 +248,14 @@ def _unlike_windows(
     if not unlike or estimate.windows is None:
         return
     gaps = time_gap(estimate.model, estimate.windows, estimate.stated_speed)[:, unlike]
-    known = [column[np.isfinite(column)] for column in gaps.T]
-    spreads = [float(np.ptp(column)) for column in known if len(column) > 1]
+    determined = [column[np.isfinite(column)] for column in gaps.T]
+    spreads = [float(np.ptp(column)) for column in determined if len(column) > 1]
     numbers, most = tuple(vehicles[k] for k in unlike), float(posterior.differ[unlike].max())
     yield HeterogeneousWindows(numbers, len(gaps), most, max(spreads, default=None))
 
 
 def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[HeterogeneousFollowers]:
-    """Whether followers that share their parameters differ, from what each says by itself."""
+    """A finding where followers that share their parameters differ in estimates by themselves."""
     if posterior.followers_differ < SIGNIFICANCE:
         yield HeterogeneousFollowers(followers, posterior.followers_differ)
 
@@ -264,7 +263,7 @@ def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[Heteroge
 def _of_followers(
     estimate: Estimate, posterior: Posterior, vehicles: Sequence[int]
 ) -> Iterator[PosteriorFinding]:
-    """What is said of single followers."""
+    """Findings about single followers."""
     kinds = estimate.following.parameters
     sets = estimate.parameters, *interval_ends_of(posterior)
     value, low, high = (

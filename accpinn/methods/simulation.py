@@ -31,7 +31,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
@@ -120,13 +120,13 @@ class Drives:
             nearest = np.minimum(nearest, segment.samples - 1)
             parts.append((values, segment.counts[nearest, 0]))
         longest = max(len(counts) for _, counts in parts)
-        filled, known = [], []
+        filled, counted = [], []
         for values, counts in parts:
             more = longest - len(counts)
             filled.append(np.pad(values, ((0, 0), (0, 2 * more)), "edge"))
-            known.append(np.pad(counts, (0, more)))
+            counted.append(np.pad(counts, (0, more)))
         ahead, speeds, gaps = np.stack(filled, axis=-1)
-        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(known, axis=-1))
+        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(counted, axis=-1))
 
     def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
         """The windows at an array of indices, in its shape."""
@@ -179,7 +179,7 @@ class Optimum:
     def undetermined(self) -> tuple[str, ...]:
         """Symbols of the parameters that the data do not determine."""
         pairs = zip(self.model.parameters, self.determined, strict=True)
-        return tuple(parameter.symbol for parameter, known in pairs if not known)
+        return tuple(parameter.symbol for parameter, is_determined in pairs if not is_determined)
 
     @property
     def implausible(self) -> tuple[str, ...]:
@@ -230,9 +230,9 @@ def optima(
         new, slope, bend = search.expanded(trial, owner[rows])
         gain = np.subtract(value[rows], new, out=np.full(len(rows), np.inf), where=~lost)
         better = np.isfinite(new) & (gain >= 0)
-        kept = rows[better]
-        z[kept], value[kept] = trial[better], new[better]
-        gradient[kept], curvature[kept] = slope[better], bend[better]
+        improved = rows[better]
+        z[improved], value[improved] = trial[better], new[better]
+        gradient[improved], curvature[improved] = slope[better], bend[better]
         damping[rows] *= np.where(better, 0.2, 8.0)
         active[rows] = ~(better & (gain < CONVERGED)) & (damping[rows] < 1e8)
         if turn >= ALIKE:
@@ -323,8 +323,8 @@ class _Search:
         inverse = np.zeros_like(curvature)
         free = np.ix_(owner, self._free, self._free)
         inverse[free] = np.linalg.inv(curvature[free])
-        own = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
-        left_out = np.linalg.solve(np.eye(z.shape[1]) - own, blocks[..., None])[..., 0]
+        leverage = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
+        left_out = np.linalg.solve(np.eye(z.shape[1]) - leverage, blocks[..., None])[..., 0]
         meat = np.einsum("kbwi,kbwj->bij", left_out, left_out) + np.eye(z.shape[1])
         filled = (blocks != 0.0).any(axis=3).sum(axis=(0, 2))
         spare = np.maximum(filled - self._free.sum(), LEAST_SPARE)
@@ -369,8 +369,8 @@ class _Search:
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges is set below
             errors = (moved[..., 0].real - measured) * counts[:, None]
             slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
-        known = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
-        diverged = ~known.all(axis=(0, 2))
+        is_finite = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
+        diverged = ~is_finite.all(axis=(0, 2))
         errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
         samples = counts.sum(axis=(0, 2))
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
@@ -395,7 +395,6 @@ def refuse_short(segment: Segment) -> None:
         )
 
 
-@lru_cache(maxsize=256)
 def estimates(
     segments: Segments, case: Case, spec: ModelSpec
 ) -> tuple[tuple[list[int], Optimum], ...]:
@@ -434,9 +433,9 @@ def _searched(
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
     drives = Drives.of([*chain(*simulated)], model)
-    told = partial(on_round, rows) if on_round else None
+    report = partial(on_round, rows) if on_round else None
     try:
-        best = optima(model, drives, groups, should_stop, fixed=spec.fixed, on_round=told)
+        best = optima(model, drives, groups, should_stop, fixed=spec.fixed, on_round=report)
     except np.linalg.LinAlgError:
         raise SegmentError(
             f"{segments[0].source}: simulations by the {model.title} almost diverge with what is"
@@ -474,8 +473,8 @@ def fit(
 
     def parameters_of(rows: Sequence[Sequence[int]], values: Sequence[FloatArray]) -> Parameters:
         theta = np.full((len(model.parameters), first.followers), np.nan)
-        for row, own in zip(rows, values, strict=True):
-            theta[:, row] = own[:, None]
+        for row, vector in zip(rows, values, strict=True):
+            theta[:, row] = vector[:, None]
         return model.linearisations(theta, speeds)
 
     live, pace = Drives.of([first.pair(k) for k in range(first.followers)], model), Pace()
@@ -494,7 +493,7 @@ def fit(
             last.append(moment)
 
     last = deque[Progress](maxlen=1)
-    found = _searched(segments, case, spec, context.should_stop, note)
+    searched = _searched(segments, case, spec, context.should_stop, note)
     for moment in last:
         assert context.on_progress
         seconds = time.perf_counter() - started
@@ -502,20 +501,20 @@ def fit(
             replace(moment, phase=CURVES, iteration=0, iterations=1, seconds=seconds)
         )
     findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
-    for row, best in [] if context.is_stopped else found:  # what the data say shows at its end
+    for row, best in [] if context.is_stopped else searched:  # what the data say shows at its end
         vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
         if best.undetermined:
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
         if best.implausible:
             findings.append(Implausible(vehicle, model.title, best.implausible))
-    parameters = parameters_of([row for row, _ in found], [best.theta for _, best in found])
+    parameters = parameters_of([row for row, _ in searched], [best.theta for _, best in searched])
     symbols = tuple(parameter.symbol for parameter in model.parameters)
     for k in np.flatnonzero(np.isnan(parameters.alpha)):
         findings.append(Undetermined(first.vehicles[k + 1], model.title, symbols))
     outcome = Outcome.FINISHED
     if context.is_stopped:
         outcome = Outcome.STOPPED
-    elif all(best.converged for _, best in found):
+    elif all(best.converged for _, best in searched):
         outcome = Outcome.CONVERGED
     curves = tuple(_driven(segment, model, parameters) for segment in segments)
     squares = [
@@ -581,5 +580,6 @@ METHOD = Method(
     phases=_phases, initial=_initial,
     models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
     posterior=lambda _: "simulation",
+    description=lambda _: "Closed-loop simulation, with intervals.",
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

@@ -137,12 +137,12 @@ class KnownVehicles:
             ParameterError: where a vehicle has no equilibrium there.
         """
         vehicles, known = self.vehicles, self.uncertainty
-        model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
-        for row in own:
+        model, theta = FOLLOWING[vehicles.model], vehicles.parameters.nonlinear
+        for row in theta:
             model.linearised(row, speed)
-        there = replace(vehicles, parameters=model.linearisations(own.T, speed))
+        there = replace(vehicles, parameters=model.linearisations(theta.T, speed))
         if known:
-            drawn = model.linearisations(np.moveaxis(known.draws.own, -1, 0), speed)
+            drawn = model.linearisations(np.moveaxis(known.draws.nonlinear, -1, 0), speed)
             every = drawn.everything.copy()
             for k in range(every.shape[1]):  # a vehicle has an equilibrium where its estimate has
                 kept = np.isfinite(every[:, k]).all(axis=1)

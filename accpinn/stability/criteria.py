@@ -102,7 +102,7 @@ def checked(parameters: Parameters) -> Parameters:
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
     # Near its free speed a model's linearisation has a steep gap and an intercept far below zero.
-    intercept = COMPUTABLE if parameters.own.size else LARGEST_TERM
+    intercept = LARGEST_TERM if parameters.is_linear else COMPUTABLE
     terms, least = complete[:, 3:], np.array([-intercept, 0.0, 0.0])
     for row, column in np.argwhere(~((terms >= least) & (terms <= LARGEST_TERM)))[:1]:
         raise ParameterError(

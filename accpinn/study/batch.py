@@ -23,8 +23,8 @@ from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.registry import (
     COMPARED,
     METHODS,
-    known_variant,
     recommended_method,
+    variant_key,
     variant_of,
 )
 from accpinn.model.cthp import Case
@@ -156,7 +156,7 @@ def batch(
     listed = [sources] if isinstance(sources, str | os.PathLike) else sources
     request = Request(
         sources=tuple(map(os.path.abspath, listed)),
-        methods=tuple(dict.fromkeys(map(known_variant, methods))),
+        methods=tuple(dict.fromkeys(map(variant_key, methods))),
         window=window if math.isfinite(window) else None,
         case=case,
         model=following_model(script.run() if script else path).key,

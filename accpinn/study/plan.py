@@ -1,4 +1,4 @@
-"""What a batch takes: files, and in each recording complete stretches in ACC car-following.
+"""The plan of a batch: files, and in each recording complete stretches in ACC car-following.
 
 A follower qualifies at an instant where
 
@@ -110,7 +110,7 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
 
 
 def contradictions(recording: Recording) -> list[Inconsistency]:
-    """What the gaps of followers have against the speeds."""
+    """Contradictions between followers' gaps and speeds."""
     unlike = (finding for finding in recording.findings if isinstance(finding, Inconsistency))
     return [finding for finding in unlike if finding.is_contradiction]
 
@@ -118,12 +118,13 @@ def contradictions(recording: Recording) -> list[Inconsistency]:
 def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator[Finding]:
     """Why followers have no window, where it is for their data."""
     followers = {number for place in planned for number in place.vehicles[1:]}
-    yield from (found for found in contradictions(recording) if found.follower not in followers)
+    unlike = contradictions(recording)
+    yield from (finding for finding in unlike if finding.follower not in followers)
     if not planned:
         yield from (
-            found
-            for found in recording.findings
-            if isinstance(found, ValuesOutOfRange) and found.is_above
+            finding
+            for finding in recording.findings
+            if isinstance(finding, ValuesOutOfRange) and finding.is_above
         )
 
 
@@ -211,14 +212,14 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
     rows = recording.rows(window)
     by_flag = "flag" if recording.acc_flag == ACC_FLAG else ""
     followers = np.array(vehicles[1:]) - 1
-    known = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
-    sources = tuple("driver" if by_driver else by_flag for by_driver in known)
+    is_acc = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
+    sources = tuple("driver" if by_driver else by_flag for by_driver in is_acc)
     return PlannedWindow(tuple(vehicles), window, sources)
 
 
 @dataclass(frozen=True)
 class Listing:
-    """What a batch finds among its sources."""
+    """The files of a batch's sources, and those it leaves out."""
 
     files: list[Path]
     """Each once, those of a folder in the order of their names."""
@@ -295,7 +296,7 @@ def is_note(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """What a batch will come to."""
+    """The expected size and duration of a batch."""
 
     files: int
     windows: float
@@ -307,16 +308,13 @@ class BatchEstimate:
     """Whether all files were read."""
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
-        """How long it takes, to within a factor of two or so, with so many workers at a time."""
-        window = sum(map(_typical_seconds, methods))
+        """The duration with so many workers at a time, to within a factor of about two."""
+        window = 0.0
+        for key, config in map(variant_of, methods):
+            method = METHODS[key]
+            has_posterior = method.posterior(config.to_json() if config else {}) is not None
+            window += method.typical_seconds + (INTERVALS_SECONDS if has_posterior else 0.0)
         return START + WITHOUT_BLOCKS * window * self.size / workers
-
-
-def _typical_seconds(name: str) -> Seconds:
-    """Those of a method in `VARIANTS`, with its intervals where it has some."""
-    key, config = variant_of(name)
-    kind = METHODS[key].posterior(config.to_json() if config else {})
-    return METHODS[key].typical_seconds + (INTERVALS_SECONDS if kind else 0.0)
 
 
 def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:

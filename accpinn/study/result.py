@@ -389,10 +389,10 @@ class Result(Displayed):
         if not model.is_linear and speed is None:
             at = found.speeds
         elif not model.is_linear:
-            for row in parameters.own:
+            for row in parameters.nonlinear:
                 model.linearised(row, at)
-            parameters = model.linearisations(parameters.own.T, at)
-            draws = draws and model.linearisations(np.moveaxis(draws.own, -1, 0), at)
+            parameters = model.linearisations(parameters.nonlinear.T, at)
+            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), at)
         level = known.level if known else LEVEL
         about = self.info
         return margins(parameters, at, draws, level, about.names[1:], about.vehicles[1:])

@@ -64,10 +64,10 @@ def run(
     """
     problems: list[str] = []
     segments = segments or analysis.segments(recording)
-    known = store.find(analysis, problems.append) if store else None
-    if known:
-        cached = replace(known.estimate, cached=True)
-        result = replace(known, estimate=cached).on(segments, recording)
+    stored = store.find(analysis, problems.append) if store else None
+    if stored:
+        cached = replace(stored.estimate, cached=True)
+        result = replace(stored, estimate=cached).on(segments, recording)
     else:
         if store and analysis.checkpoint_key:
             checkpoints = store.checkpoints(analysis, problems.append)
@@ -84,8 +84,8 @@ def run(
             store.keep(result, problems.append)
     if not problems:
         return result
-    told = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
-    findings = (*result.estimate.findings, *told)
+    cache_problems = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
+    findings = (*result.estimate.findings, *cache_problems)
     return replace(result, estimate=replace(result.estimate, findings=findings))
 
 
@@ -169,7 +169,7 @@ def _with_time_left(watched: OnProgress, forecast: Forecast) -> OnProgress:
     return lambda now: watched(forecast.of(now))
 
 
-def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
+def analysis_of(segments: Sequence[Segment], analysis: Analysis) -> Analysis:
     """The question of an analysis asked of windows that were cut already, also of several runs.
 
     The windows have the same vehicles in the same order, with the same step in time. The first
@@ -178,8 +178,8 @@ def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
     first = segments[0].info
     data = sha256(" ".join(segment.info.digest for segment in segments).encode())
     return replace(
-        asked,
-        source=Source(first.source, first.sha256, None, data.hexdigest(), asked.source.mapping),
+        analysis,
+        source=Source(first.source, first.sha256, None, data.hexdigest(), analysis.source.mapping),
         vehicles=first.vehicles,
         windows=tuple(segment.window for segment in segments),
         excluded=first.excluded_regimes,

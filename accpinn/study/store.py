@@ -79,7 +79,7 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Entry:
-    """What a list of results shows of one."""
+    """One result's row in a list."""
 
     id: str
     """Name of its file: a key in the cache, the first digits of the digest in the library."""
@@ -94,7 +94,7 @@ class Entry:
     campaign: str = ""
     """Campaign of the recording; empty where it is not known."""
     window: str = ""
-    """As "0-300 s"."""
+    """The window in words: "0-300 s"."""
     vehicles: tuple[str, ...] = ()
     """Labels, leader first."""
     numbers: tuple[int, ...] = ()
@@ -183,7 +183,7 @@ class Shelf:
         self.folder, self.cap_bytes = place, cap_bytes
 
     def path(self, name: str) -> Path:
-        """Where a result lies; a name that is none never becomes a path.
+        """The path of a result's file; only a valid name becomes a path.
 
         Raises:
             SnapshotError: for what is no name.
@@ -193,7 +193,7 @@ class Shelf:
         return self.folder / f"{name}{SUFFIX}"
 
     def has(self, name: str) -> bool:
-        """Whether a file of that name is there, damaged or not."""
+        """Whether a file of that name exists, damaged or not."""
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
@@ -206,9 +206,9 @@ class Shelf:
             paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         except OSError:  # as without file descriptors; what the index knows may still be there
             return ()
-        asked = words.casefold().split()
+        terms = words.casefold().split()
         entries = self._transact(partial(self._entries, paths, session)) or ()
-        chosen = [entry for entry in entries if all(word in entry.words for word in asked)]
+        chosen = [entry for entry in entries if all(word in entry.words for word in terms)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
 
     def _entries(
@@ -220,14 +220,14 @@ class Shelf:
         if session:
             shown = index.execute("select name from shown where session = ?", (session,))
             paths = {name: paths[name] for (name,) in shown if name in paths}
-            asked = "select name, entry from shown_entries where session = ?"
-            as_shown = {name: _decoded(entry) for name, entry in index.execute(asked, (session,))}
+            query = "select name, entry from shown_entries where session = ?"
+            as_shown = {name: _decoded(entry) for name, entry in index.execute(query, (session,))}
         rows = index.execute("select name, state, entry from entries").fetchall()
-        known = {name: (state, entry) for name, state, entry in rows}
+        indexed = {name: (state, entry) for name, state, entry in rows}
         for name, path in paths.items():
             with suppress(OSError):  # deleted by another process just now
                 state = state_of(path)
-                then, content = known.get(name, ("", b""))
+                then, content = indexed.get(name, ("", b""))
                 entry = _decoded(content) if then == state else None
                 entry = entry or self._indexed(index, name, state)
                 shown_entry = None if entry.fault else as_shown.get(name)
@@ -236,7 +236,7 @@ class Shelf:
                         shown_entry, time_gaps=entry.time_gaps, growths=entry.growths
                     )
                 entries[name] = shown_entry or entry
-        for name in () if session else known.keys() - paths.keys():
+        for name in () if session else indexed.keys() - paths.keys():
             if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
                 index.execute("delete from entries where name = ?", (name,))
         return tuple(entries.values())
@@ -287,7 +287,7 @@ class Shelf:
         return owner_of(self.path(name))
 
     def _transact(self, work: Callable[[sqlite3.Connection], T]) -> T | None:
-        """What ``work`` does with the index in one transaction; None where it cannot be read.
+        """Apply ``work`` to the index in one transaction; None where it cannot be read.
 
         A damaged index is set aside and made again. Where the fault is another, which may pass, the
         index stays as it is and the work is done on an empty one, which lasts for this call alone.
@@ -435,11 +435,11 @@ class Store(Shelf):
     def __init__(
         self, place: str | os.PathLike[str] | None = None, cap_bytes: int = CACHE_BYTES
     ) -> None:
-        """By default in the user's cache folder."""
+        """Open the store in a folder, by default in the user's cache folder."""
         super().__init__(folder("cache") if place is None else Path(place), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
-        """What was found for an analysis; None where nothing was."""
+        """The stored result of an analysis; None where there is none."""
         path = self.path(analysis.key)
         try:
             result = read(path.read_bytes())
@@ -516,18 +516,18 @@ class Store(Shelf):
         self._transact(keep)
 
     def session(self, session: str) -> bytes | None:
-        """What a session had open; None for one that is not known."""
+        """The document of an open session; None for one that is not stored."""
         document: bytes | None = self._ask("select document from sessions where name = ?", session)
         return document
 
     def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
         """Names of sessions that begin so, and what they have open, the last changed first."""
-        asked = (
+        query = (
             "select name, document from sessions where substr(name, 1, ?) = ?"
             " order by used desc limit ?"
         )
-        given = (len(prefix), prefix, most)
-        return tuple(self._transact(lambda index: index.execute(asked, given).fetchall()) or ())
+        arguments = (len(prefix), prefix, most)
+        return tuple(self._transact(lambda index: index.execute(query, arguments).fetchall()) or ())
 
     def record_shown(self, session: str, result: Result) -> None:
         """Keep a result, and record that a session has shown it."""
@@ -547,8 +547,8 @@ class Store(Shelf):
 
     def shown_as(self, session: str, name: str) -> Entry | None:
         """The entry of a result as a session has shown it; None where it has not."""
-        asked = "select entry from shown_entries where session = ? and name = ?"
-        content = self._ask(asked, session, name)
+        query = "select entry from shown_entries where session = ? and name = ?"
+        content = self._ask(query, session, name)
         return _decoded(content) if content else None
 
     # Files
@@ -571,7 +571,7 @@ class Store(Shelf):
         return True
 
     def refuse(self, name: str, fault: Exception, say: Say | None) -> None:
-        """Say why a file is of no use; the next one of its name takes its place."""
+        """Report why a file cannot be used; the next one of its name takes its place."""
         reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:160]
         follows = (
             "the training begins anew" if name.endswith(STATE) else "what it held is computed again"
@@ -603,7 +603,7 @@ class StoredCheckpoints:
     """The checkpoint of one training in the store, as `methods.Checkpoints` asks."""
 
     def __init__(self, store: Store, key: str, say: Say | None) -> None:
-        """Where it lies."""
+        """The checkpoint of a training by its key."""
         self._store, self._path, self._say = store, store.folder / f"{key}{STATE}", say
 
     def load(self, most: int) -> Checkpoint | None:
@@ -624,7 +624,7 @@ class StoredCheckpoints:
         self._store.write(self._path, packed.getvalue(), self._say)
 
     def reject(self, fault: Exception) -> None:
-        """Say that no training can go on from the state."""
+        """Report that no training can continue from the state."""
         self._store.refuse(self._path.name, fault, self._say)
 
     def drop(self) -> None:

@@ -333,7 +333,7 @@ def _planned(
 ) -> Leader:
     """The leader with the settings chosen; a sinusoid begins with the platoon's peak."""
     first, usual = FIRST[kind], dict[str, float]()
-    if source.vehicles.parameters.own.size:  # a nonlinear model's response depends on the speed
+    if not source.vehicles.parameters.is_linear:  # then the response depends on the speed
         chosen = workspace.choices.get("stability_speed", KMH * source.median_speed)
         usual["speed"] = float(f"{chosen / KMH:.3g}")
     if first == "frequency":

@@ -51,7 +51,7 @@ def show_page(workspace: Workspace) -> None:
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
         return
-    is_nonlinear = chosen.vehicles.parameters.own.size > 0
+    is_nonlinear = not chosen.vehicles.parameters.is_linear
     source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
     show_strip(
         strip_of(source), lambda: _show_verdict(workspace, source), None, "stability",
@@ -127,7 +127,7 @@ def _show_bode_notes(source: KnownVehicles) -> None:
 def _show_numbers(workspace: Workspace, source: KnownVehicles) -> None:
     """The table of verdicts; behind it the reasons, the criteria, and the gain over speed."""
     _show_verdicts(source)
-    if source.vehicles.parameters.own.size:
+    if source.vehicles.parameters.nonlinear.size:
         _show_speeds(source)
     with st.expander("Reasons and criteria"):
         _show_reasons(workspace, source)
@@ -144,7 +144,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
         f" pointing at a dotted line: {100 * known.level:.0f} % intervals. "
     )
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
-              " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
+              " small disturbances. " if not chosen.parameters.is_linear else "")  # fmt: skip
     level = f"{100 * known.level:.0f} % intervals." if known else "By these parameters."
     show.caption(level, f"{linear}{posterior or ''}{GAIN}")
     if differ := words.criteria_differ(source):
@@ -155,7 +155,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
 def _show_speeds(source: KnownVehicles) -> None:
     """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
     vehicles, known = source.vehicles, source.uncertainty
-    own, draws = vehicles.parameters.own, known.draws.own if known else None
+    own, draws = vehicles.parameters.nonlinear, known.draws.nonlinear if known else None
     followers = [
         Follower(label, colour, FOLLOWING[vehicles.model], own[k],
                  None if draws is None else draws[:, k])

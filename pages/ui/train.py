@@ -13,8 +13,8 @@ from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate
-from accpinn.methods.pinn.config import PRESETS, STARTS, PresetName
-from accpinn.methods.registry import METHODS
+from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import TITLES, has_terms_of
 from accpinn.recordings import Recording
@@ -33,14 +33,6 @@ from pages.ui.session.resources import segment_of, store
 from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
-LINES: dict[tuple[PresetName, str], str] = {
-    ("calibrated", "pinn"): "PiNN, calibrated, with intervals.",
-    ("calibrated", "simulation"): "Closed-loop simulation, with intervals.",
-    ("fast", "pinn"): "The paper's loss, solved exactly: a point, biased where disturbances last.",
-    ("paper", "pinn"): "The paper's training by gradient, many minutes: a point, biased where"
-    " disturbances last.",
-}
-"""What a preset's method gives, by both."""
 REDRAWN = 1.1
 """Growth of the iterations after which the live charts are drawn anew: less is not seen on their
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
@@ -268,12 +260,13 @@ def _controls(workspace: Workspace) -> Analysis | None:
             labelled=False, width=330, help=MODEL_HELP,
         )  # fmt: skip
         _buttons(workspace, asked)
-        method = METHODS[asked.method] if asked else METHODS["pinn"]
+        method = METHODS[asked.method if asked else recommended_method()]
+        settings = asked.settings if asked else PRESETS[preset].to_json()
         has_options = method.settings is not None
         st.toggle("Options", key="train_options", disabled=not has_options)
     changed = " With your options." if workspace.settings.get(preset) else ""
     fixed = f" Fixed: {workspace.spec.in_words.partition(', ')[2]}." * bool(workspace.spec.fixed)
-    st.caption(escape_markdown(LINES[preset, method.key] + changed + fixed))
+    st.caption(escape_markdown(method.described(settings) + changed + fixed))
     if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)

@@ -90,7 +90,7 @@ class CalibratedTraining(Training):
             initial=np.nan,
             parameters=self._solution().parameters[: 1 if self.case == "I" else None],
             log_likelihood=value,
-            deviations=np.array([log_errors(each) for each in self._at.information]),
+            deviations=np.array([log_errors(information) for information in self._at.information]),
         )
         is_late = self._iteration >= self.planned and not self._at.maxima
         self.outcome = Outcome.FINISHED if is_late else None
@@ -124,9 +124,9 @@ class CalibratedTraining(Training):
         for k in range(segment.followers):
             pair = segment.pair(k)
             start = pair.speeds[0, 1:], pair.gaps[0]
-            one, ahead = parameters[[k]], pair.speeds[:, 0]
+            vehicle, ahead = parameters[[k]], pair.speeds[:, 0]
             with np.errstate(all="ignore"):  # the first values may be absurd
-                motion = simulate(self._at.form, one, pair.time, ahead, *start)
+                motion = simulate(self._at.form, vehicle, pair.time, ahead, *start)
             gaps[:, k], speeds[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
         return Trajectories(segment.time, speeds, gaps)
 
@@ -188,15 +188,17 @@ class CalibratedTraining(Training):
         """Curves, losses and arrays of all windows, as fields of an `Estimate`."""
         drawn = [self._window(segment, solution, unknowns) for segment in self.segments]
         curves, losses, windows, sizes = zip(*drawn, strict=True)
-        known = [(s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part]
+        weighted = [
+            (s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part
+        ]
         loss: dict[str, float] = {}
-        if len(known) == len(drawn):
-            samples = [count for count, _ in known]
-            rows = [list(part.values().values()) for _, part in known]
+        if len(weighted) == len(drawn):
+            samples = [count for count, _ in weighted]
+            rows = [list(part.values().values()) for _, part in weighted]
             names = LossTerms(0.0, 0.0, 0.0).values()
             loss = dict(zip(names, np.average(rows, axis=0, weights=samples), strict=True))
-        arrays = {name: array for k, own in enumerate(windows) for name, array in
-                  for_window(own, k).items()}  # fmt: skip
+        arrays = {name: array for k, saved in enumerate(windows) for name, array in
+                  for_window(saved, k).items()}  # fmt: skip
         return {"curves": curves, "loss": loss, "arrays": arrays, "network_weights": max(sizes)}
 
     def _window(
@@ -241,8 +243,8 @@ def drawn(
     motion = Motion(*projection.surrogate(hidden, weights))
     if delays.any():
         motion = motion.with_earlier(network, segment.time, delays)
-    kept = None if mask is None else mask.astype(float)
-    loss = loss_terms(motion, measured, theta, config, kept, lags=lags)
+    counts = None if mask is None else mask.astype(float)
+    loss = loss_terms(motion, measured, theta, config, counts, lags=lags)
     weights[0] += shift[0]
     network.set_output(weights)
     return trajectories(segment.time, motion.outputs + shift), loss, network

@@ -79,7 +79,7 @@ class Surrogate:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the output layer of a window sees, for some hidden layers."""
+    """The inputs of a window's output layer, for some hidden layers."""
 
     arrays: dict[str, NDArray[Any]]
     """The network's weights."""
@@ -135,7 +135,7 @@ class FastTraining(LossTraining):
         self._moves: list[float] = []
         """Largest change of a parameter in each exact round so far, or in each cycle."""
         self._trained: list[Seen] = []
-        """Of the windows whose hidden layers the present cycle has trained."""
+        """The windows whose hidden layers the present cycle has trained."""
         self._start_loss = float("nan")
         initial = self._initial()
         seen = [self._seen(window, initial) for window in self.surrogates]
@@ -161,7 +161,7 @@ class FastTraining(LossTraining):
         return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
     def _seen(self, window: Surrogate, solution: Any) -> Seen:
-        """What the output layer of a window sees for its present hidden layers."""
+        """The inputs of a window's output layer for its present hidden layers."""
         hidden = window.projection.hidden()
         return Seen(window.network.arrays(), hidden, window.projection.sums(hidden))
 
@@ -176,7 +176,7 @@ class FastTraining(LossTraining):
         return solve_output(seen.sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum) -> Optimum:
-        """One exact round: the parameters and the output layers."""
+        """Run one exact round: solve for the parameters and the output layers."""
         equations = (parameter_equations(part.seen.sums, part.weights) for part in at.windows)
         grams, moments = (
             weighted_sum(parts, self.shares) for parts in zip(*equations, strict=True)
@@ -195,7 +195,7 @@ class FastTraining(LossTraining):
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
-        """One exact round while starting; afterwards a window's share of a cycle."""
+        """Run one exact round while starting; afterwards a window's share of a cycle."""
         try:
             if self._starting:
                 before = self._best.solution
@@ -287,8 +287,8 @@ class FastTraining(LossTraining):
         for _ in range(self._steps):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            kept = None if mask is None else mask[pick]
-            terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
+            counts = None if mask is None else mask[pick]
+            terms = loss_terms(motion_at(pick), measured[pick], theta, config, counts, self.model)
             window.adam.step(terms.total, learning_rate)
         return self._seen(window, self._best.solution)
 

@@ -39,7 +39,7 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
     Raises:
         ConfigError: where these are not the model's.
     """
-    own, named = config.initial.own, model.parameters
+    own, named = config.initial.nonlinear, model.parameters
     if model.is_linear:
         ends = np.array([(p.lower, p.upper) for p in named])
         own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)

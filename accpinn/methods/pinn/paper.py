@@ -57,7 +57,7 @@ class Part(NamedTuple):
 
     @classmethod
     def of(cls, data: WindowData, instants: Mask) -> "Part":
-        """Those at which a mask (N,) is True."""
+        """The instants at which a mask (N,) is True."""
         mask = None if data.mask is None else torch.from_numpy(data.mask[instants])
         time, measured = data.segment.time[instants], data.measured[instants]
         return cls(torch.from_numpy(time), torch.from_numpy(measured), mask)
@@ -198,11 +198,11 @@ class PaperTraining(LossTraining):
 
     def _theta(self) -> Tensor:
         """(M, 3) α, ατ, β or (n, M) those of another model; a line search may leave the bounds."""
-        each = self._parameters.clamp(*self._bounds).expand(self.followers, -1).T
+        values = self._parameters.clamp(*self._bounds).expand(self.followers, -1).T
         if not self.model:
-            alpha, beta, tau = each
+            alpha, beta, tau = values
             return torch.stack([alpha, alpha * tau, beta], 1)
-        named = zip(self.model.parameters, each, strict=True)
+        named = zip(self.model.parameters, values, strict=True)
         return torch.stack([parameter.value(part, torch) for parameter, part in named])
 
     def _loss(self, parts: Sequence[Part] | None = None) -> LossTerms:

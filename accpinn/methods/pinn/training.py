@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import TYPICAL_SAMPLES, Method, PosteriorKind, Segments, TaskContext
+from accpinn.methods import TYPICAL_SAMPLES, Method, Segments, TaskContext
 from accpinn.methods.estimate import Continued, Estimate, Outcome, Recorder, of_window
 from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
 from accpinn.methods.pinn.calibrated import FIRST_ROUNDS, FURTHER_ROUNDS, CalibratedTraining
@@ -29,10 +29,12 @@ from accpinn.methods.pinn.config import (
     FAST,
     METHOD_VERSION,
     PAPER,
+    PRESET_INFOS,
     PRESETS,
     USUAL_CYCLES,
     USUAL_ROUNDS,
     PinnConfig,
+    PresetInfo,
     PresetName,
 )
 from accpinn.methods.pinn.initial import initial_parameters
@@ -217,7 +219,7 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
 
 
 def _threads(preset: PresetName, context: TaskContext) -> int:
-    """How many threads a training gets; thousands would exhaust the system.
+    """The number of threads of a training; thousands would exhaust the system.
 
     They share each small product, and one that waits for a busy core costs far more than another
     gains: where nobody chose, minibatches get one, and `paper` leaves a core to others.
@@ -338,16 +340,17 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
     return shared
 
 
+def _info(settings: Mapping[str, Any]) -> PresetInfo:
+    """The properties of the settings' preset; without one, as of a hand-made estimate, none."""
+    return PRESET_INFOS.get(settings.get("preset", ""), PresetInfo("", ""))
+
+
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models, the paper's first; of the preset `calibrated` the CTHPs, the best one first."""
-    if settings["preset"] == "calibrated":
+    """All models, the paper's first; of a preset with a posterior the CTHPs, the best one first."""
+    if _info(settings).has_posterior:
         linear = (key for key, model in FOLLOWING.items() if model.is_linear and key != BEST)
         return (BEST, *linear)
     return tuple(FOLLOWING)
-
-
-def _posterior(settings: Mapping[str, Any]) -> PosteriorKind | None:
-    return "likelihood" if settings["preset"] == "calibrated" else None
 
 
 def _variant(config: Mapping[str, Any]) -> str:
@@ -373,6 +376,9 @@ METHOD = Method(
     initial=initial_parameters,
     redraw=redraw,
     models=_models,
-    posterior=_posterior,
-    allows_missing=lambda settings: bool(settings["preset"] == "calibrated"),
+    posterior=lambda settings: "likelihood" if _info(settings).has_posterior else None,
+    allows_missing=lambda settings: _info(settings).has_posterior,
+    description=lambda settings: _info(settings).description,
+    curve_title="network",
+    minimises_papers_loss=lambda settings: _info(settings).minimises_papers_loss,
 )

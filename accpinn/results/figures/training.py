@@ -304,7 +304,7 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
         follower,
         estimate.curves[window] if has_own else None,
         driven(result, follower, window),
-        NETWORK if method == "pinn" else METHODS[method].title,
+        METHODS[method].curve_title or METHODS[method].title,
         of_window(estimate.arrays, window).get("disturbance"),
     )
     several = f"Window {segment.window}. " if len(result.segments) > 1 else ""

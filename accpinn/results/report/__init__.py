@@ -307,7 +307,7 @@ def platoon_pictures(
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
     speed = Sinusoid.speed
     try:
-        if vehicles.parameters.own.size:
+        if not vehicles.parameters.is_linear:
             speed = float(f"{subject.median_speed:.3g}")
             subject = replace(subject, uncertainty=None).at_speed(speed)
         leader = Sinusoid(subject.report.platoon.peaks[-1].omega or Sinusoid.frequency, speed=speed)

@@ -224,11 +224,11 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
 def rows_of(subject: KnownVehicles) -> tuple[str, tuple[Row, ...]]:
     """The model of some vehicles, and their rows by hand."""
     vehicles, parameters = subject.vehicles, subject.vehicles.parameters
-    if not parameters.own.size:
+    if not parameters.nonlinear.size:
         rows = zip(vehicles.labels, *parameters.complete.T.tolist(), strict=True)
         return PAPER, tuple(rows)
     speeds = _speeds_of(subject).tolist()
-    own = zip(vehicles.labels, *parameters.own.T.tolist(), speeds, strict=True)
+    own = zip(vehicles.labels, *parameters.nonlinear.T.tolist(), speeds, strict=True)
     return vehicles.model, tuple(own)
 
 

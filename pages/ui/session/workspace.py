@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
-from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
+from accpinn.methods.pinn.config import DEFAULT, PRESET_INFOS, PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS, VARIANTS, recommended_method, variant_name
 from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
@@ -48,11 +48,7 @@ KEPT_RECORDINGS, KEPT_EARLIER = 4, 2 * len(VARIANTS)
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
 """What is asked before anything is open."""
-TITLE_OF: dict[PresetName, str] = {
-    "calibrated": "Recommended",
-    "fast": "Fast",
-    "paper": "Paper",
-}
+TITLE_OF = {preset: about.title for preset, about in PRESET_INFOS.items()}
 """The presets' names on pages, in their order."""
 Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
@@ -102,7 +98,7 @@ class Workspace:
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
-    preset: PresetName = "calibrated"
+    preset: PresetName = DEFAULT
     """This one stands for the recommended method of the model, whichever that is."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
@@ -197,7 +193,7 @@ class Workspace:
             asked = analysis_of(self.restored.segments, asked)
         else:
             return None
-        if preset == "calibrated" and (method := recommended_method(asked.spec.model)) != "pinn":
+        if preset == DEFAULT and (method := recommended_method(asked.spec.model)) != "pinn":
             return asked.with_method(method)
         settings = PRESETS[preset].to_json() | self.settings.get(preset, {})
         return asked.with_method("pinn", PinnConfig.from_json(settings))
@@ -365,7 +361,7 @@ class Workspace:
                 config = PinnConfig.from_json(asked.settings)
                 self.preset, self.settings[config.preset] = config.preset, config.changes()
         elif asked.has_posterior:
-            self.preset = "calibrated"
+            self.preset = DEFAULT
         else:
             return
         self.specs[self.preset] = asked.spec

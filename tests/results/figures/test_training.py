@@ -96,7 +96,7 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
         for follower, trace in enumerate(in_panel(figure, k + 2)):
             np.testing.assert_array_equal(trace.y, own[:, follower, k])
         lines = [line.y0 for line in figure.layout.shapes if line.yref == f"y{k + 2}"]
-        assert lines == truth.own[:, k].tolist()
+        assert lines == truth.nonlinear[:, k].tolist()
     shared = training.course(history(sets=1), INFO)
     assert {trace.name for trace in in_panel(shared, 4)} == {EVERY_FOLLOWER}
 
