@@ -1,4 +1,4 @@
-"""The table inside a file, as CSV text, whatever the file packs it in.
+"""The table inside a file of any known format, as CSV text.
 
 A kind of file is known by its first bytes, never by its name: plain text, which stays as it is;
 UTF-16 text with a byte-order mark; an Excel workbook; a Parquet file; SUMO's floating-car data; and
@@ -65,7 +65,7 @@ class SheetChosen(Finding, frozen=True):
 
 @dataclass(frozen=True)
 class Contents:
-    """The text of a file, and what a reader should know about how it was found."""
+    """The text of a file, and findings about how it was unpacked."""
 
     text: bytes
     """CSV text without a byte-order mark; the bytes themselves where they are no known kind."""
@@ -88,7 +88,11 @@ def unpacked(raw: bytes, refused: Refusal) -> Contents:
 def _table(raw: bytes, refused: Refusal) -> Contents:
     """The text of bytes that are no archive, except that a workbook is one."""
     if raw.startswith(_UTF16_MARKS):
-        raw = _utf16(raw, refused)
+        try:
+            raw = raw.decode("utf-16").encode()
+        except UnicodeError:
+            cure = "save it as plain CSV (UTF-8)"
+            raise refused("the UTF-16 text is damaged", cure) from None
     if raw.startswith(_PARQUET):
         return Contents(_parquet(raw, refused))
     if raw.startswith(ZIP):
@@ -122,13 +126,6 @@ def _gunzipped(raw: bytes, refused: Refusal) -> bytes:
     return content
 
 
-def _utf16(raw: bytes, refused: Refusal) -> bytes:
-    try:
-        return raw.decode("utf-16").encode()
-    except UnicodeError:
-        raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
-
-
 def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
     try:
         return archives.open_archive(raw, LIMIT_MEMBERS)
@@ -157,7 +154,10 @@ def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int =
 def _zipped(raw: bytes, refused: Refusal) -> Contents:
     """A workbook, or the only file of an archive."""
     with _archive(raw, refused) as archive:
-        names = [name for name in archive.namelist() if _is_file(name)]
+        # Neither folders nor the entries that macOS adds.
+        names = [
+            n for n in archive.namelist() if not n.endswith("/") and not n.startswith("__MACOSX/")
+        ]
         if _WORKBOOK in names:
             return _workbook(archive, refused)
         if any(name == "content.xml" or name.startswith("xl/") for name in names):
@@ -167,11 +167,6 @@ def _zipped(raw: bytes, refused: Refusal) -> Contents:
             fault = f"this is a zip archive with {len(names)} files, not a CSV file"
             raise refused(fault, "unpack it, and choose one of them")
         return _table(_member(archive, names[0], refused), refused)
-
-
-def _is_file(name: str) -> bool:
-    """Whether an archive's entry is no folder and none of what macOS adds."""
-    return not name.endswith("/") and not name.startswith("__MACOSX/")
 
 
 # Tables
@@ -211,7 +206,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
             count = len(book.worksheets)
     except RecordingError:
         raise
-    except Exception as fault:  # whatever a hand-made workbook makes the library stumble over
+    except Exception as fault:  # a malformed workbook ends in many kinds of errors
         raise refused("the workbook is damaged", f"save the sheet as CSV, or {_BROKEN}") from fault
     width = max(map(len, rows), default=0)
     padded = (row + [""] * (width - len(row)) for row in rows)
@@ -220,7 +215,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
 
 
 def _inflated(archive: "zipfile.ZipFile", refused: Refusal) -> io.BytesIO:
-    """The workbook's parts without compression, so that the library meets what was checked."""
+    """The workbook's parts without compression, so that the library reads checked bytes."""
     import zipfile
 
     content, used = io.BytesIO(), 0
@@ -250,7 +245,7 @@ def _first_table(tables: Iterable[tuple[str, list[list[str]]]]) -> tuple[str, li
 
 def _cells(sheet: Any, refused: Refusal) -> list[list[str]]:
     """The cells of a sheet from its first row on, without empty ones at the end of rows."""
-    sheet.reset_dimensions()  # what a workbook says of its size may be wrong
+    sheet.reset_dimensions()  # the size that a workbook states may be wrong
     rows: list[list[str]] = []
     filled, width = 0, 0
     for values in sheet.iter_rows(values_only=True):

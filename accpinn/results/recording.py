@@ -11,7 +11,8 @@ import numpy as np
 from accpinn.findings import joined, percent
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window
-from accpinn.recordings.consistency import Cure, Exchange, ReadSpeedAs, Reverse, Shift, agreement
+from accpinn.recordings.cures import Cure, Exchange, ReadSpeedAs, Reverse, Shift
+from accpinn.recordings.increments import agreement
 from accpinn.recordings.mapping import CsvMapping, taken_as
 from accpinn.results.tables import Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from accpinn.recordings import Recording
-from accpinn.recordings.consistency import Inconsistency
 from accpinn.recordings.files import contradictions, opened
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.sampling import TargetLost
 from accpinn.units import GAP_UNITS, SPEED_UNITS
 from tests.support.tables import STEADY, Truth, drive, misread

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from accpinn.recordings import Mode, Recording, files
-from accpinn.recordings.consistency import ClocksDiffer, SignReversed, UnitsDiffer
+from accpinn.recordings.inconsistency import ClocksDiffer, SignReversed, UnitsDiffer
 from accpinn.recordings.mapping import kept_mapping, write_mapping
 from pages.ui.data.mapping import CHANGING, open_fields
 from pages.ui.session.pending import Pending

@@ -10,14 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accpinn.recordings.clocks import (
-    FORMS,
-    NANOSECONDS,
-    TimeUnreadable,
-    recognised,
-    seconds,
-    unwrapped,
-)
+from accpinn.recordings.clocks import FORMS, NANOSECONDS, TimeUnreadable, seconds, unwrapped
+from accpinn.recordings.time_forms import recognised
 
 DAY_MS = 86_400_000
 

@@ -11,26 +11,20 @@ import numpy as np
 import pytest
 
 from accpinn.recordings import Recording
-from accpinn.recordings.consistency import (
+from accpinn.recordings.consistency import inconsistencies
+from accpinn.recordings.cures import Exchange, ReadAs, ReadSpeedAs, Reverse, Shift, units_for
+from accpinn.recordings.files import read
+from accpinn.recordings.inconsistency import (
     ClocksDiffer,
-    Exchange,
     GapComputed,
     GapContradictsSpeeds,
     GapJumps,
     Inconsistency,
-    Pair,
-    ReadAs,
-    ReadSpeedAs,
-    Reverse,
-    Shift,
     SignReversed,
     SpeedsApart,
     UnitsDiffer,
-    agreement,
-    inconsistencies,
-    units_for,
 )
-from accpinn.recordings.files import read
+from accpinn.recordings.increments import Pair, agreement
 from accpinn.segment import SegmentFinding
 from accpinn.segment.cut import complete_windows, cut
 from accpinn.segment.quality import Grade, assess_quality, rate

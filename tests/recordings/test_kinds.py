@@ -14,18 +14,16 @@ import pytest
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, Window
-from accpinn.recordings.consistency import (
+from accpinn.recordings.cures import Exchange, Reverse, Shift
+from accpinn.recordings.files import ColumnsProposed, contradictions, opened, read
+from accpinn.recordings.inconsistency import (
     ClocksDiffer,
     ColumnsCopied,
-    Exchange,
     GapComputed,
     GapJumps,
-    Reverse,
-    Shift,
     SignReversed,
     UnitsDiffer,
 )
-from accpinn.recordings.files import ColumnsProposed, contradictions, opened, read
 from accpinn.recordings.mapping import (
     CsvMapping,
     GapColumn,

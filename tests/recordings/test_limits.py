@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import RecordingError
-from accpinn.recordings import files, mapped, pairs
+from accpinn.recordings import files, pairs, trajectories
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import (
     ByVehicle,
@@ -74,7 +74,7 @@ def test_more_stretches_than_are_read_are_refused(
 ) -> None:
     rows = long_table(4, 200)
     assert len(opened(rows, "a.csv", LONG).runs) == 1
-    monkeypatch.setattr(mapped, name, 0)
+    monkeypatch.setattr(trajectories, name, 0)
     with pytest.raises(RecordingError):
         _ = opened(rows, "a.csv", LONG).runs
 

@@ -12,13 +12,13 @@ from accpinn import recordings as data
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, Window, openacc, sampling, source
-from accpinn.recordings.consistency import (
+from accpinn.recordings.inconsistency import (
     GapContradictsSpeeds,
     GapJumps,
     Inconsistency,
     UnitsDiffer,
-    agreement,
 )
+from accpinn.recordings.increments import agreement
 from accpinn.recordings.openacc import Run, catalogue, read
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.recordings import Window
-from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.segment import BlocksMissing, Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from accpinn.segment.cut import (
     DECIMALS,
