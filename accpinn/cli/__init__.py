@@ -34,9 +34,9 @@ COMMANDS = {
     "export": ("files", "parameters of a snapshot for other programs"),
     "app": ("app", "start the app in the browser"),
 }
-"""The module of each, and its meaning.
+"""The module of each command, and its meaning.
 
-The module has `NAME_OPTIONS`, `run_NAME(options)`, and where there is more to say `NAME_HELP`.
+The module has `NAME_OPTIONS`, `run_NAME(options)`, and for a longer help `NAME_HELP`.
 """
 
 CONVENTIONS = (
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Commands that are not asked for have a name only: what they import takes seconds."""
+    """The parser; only the commands among the arguments are imported, which takes seconds."""
     parser = _Parser(
         prog="python -m accpinn" if Path(sys.argv[0]).name == "__main__.py" else "accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
@@ -110,11 +110,11 @@ class _Parser(argparse.ArgumentParser):
         self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
 
     def parse_known_args(self, *given: Any, **more: Any) -> Any:
-        """Let a command itself say what it does not know, and where its help is."""
-        known, unknown = super().parse_known_args(*given, **more)
+        """Report unknown arguments by the command's own parser, which names its help."""
+        options, unknown = super().parse_known_args(*given, **more)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return known, unknown
+        return options, unknown
 
     def error(self, message: str) -> NoReturn:
         """One line on standard error; exit status 2."""
