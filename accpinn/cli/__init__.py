@@ -15,7 +15,7 @@ from textwrap import fill
 from typing import Any, NoReturn
 
 from accpinn import __version__
-from accpinn.cli.output import complain, flush, open_streams, show
+from accpinn.cli.output import flush, open_streams, print_error, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
@@ -61,13 +61,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             flush()
     except AccpinnError as fault:
-        complain(str(fault))
+        print_error(str(fault))
         return 2 if isinstance(fault, ConfigError | ParameterError) else 1
     except BrokenPipeError:  # the reader, `head` say, has seen enough
         return 0
     except OSError as fault:  # files have sentences of their own; this is a stream that is full
         reason = (fault.strerror or "unknown").lower()
-        complain(f"{fault.filename or 'standard output'}: it cannot be written ({reason}).")
+        print_error(f"{fault.filename or 'standard output'}: it cannot be written ({reason}).")
         return 1
     except KeyboardInterrupt:
         return 130
@@ -118,7 +118,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line on standard error; exit status 2."""
-        complain(f"{message.removesuffix('.')}; see {self.prog} --help")
+        print_error(f"{message.removesuffix('.')}; see {self.prog} --help")
         raise SystemExit(2)
 
     def print_help(self, file: object = None) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
-from accpinn.cli.output import complain, note, print_json, progress, show, show_result
+from accpinn.cli.output import print_error, print_json, print_note, progress, show, show_result
 from accpinn.cli.recordings import JSON, Option, option
 from accpinn.errors import ConfigError, RecordingError, SnapshotError
 from accpinn.recordings import Recording
@@ -147,8 +147,8 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
         if verification.ok
         else "It does not agree"
     )
-    lines = [f"{verdict}: {verification.counted}.", *more]
-    return "\n".join([", ".join(filter(None, about)), "", table, "", *lines])
+    said = [f"{verdict}: {verification.counted}.", *more]
+    return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
 
 
 def run_report(options: argparse.Namespace) -> int:
@@ -170,9 +170,9 @@ def run_report(options: argparse.Namespace) -> int:
     write_file(page.encode(), real, "report")
     show(str(place))
     if checked.ok is not False:
-        note(checked.sentence)
+        print_note(checked.sentence)
         return 0
-    complain(
+    print_error(
         f"what the snapshot says does not follow from its contents. {checked.sentence} The report"
         " was written, with a warning at its top."
     )

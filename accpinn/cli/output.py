@@ -61,13 +61,13 @@ def show(text: str) -> None:
     print("\n".join(map(one_line, text.split("\n"))))
 
 
-def complain(sentence: str) -> None:
+def print_error(sentence: str) -> None:
     """Print a fault as one line on standard error."""
     with suppress(OSError):  # no stream is left to report it on
         print(f"error: {one_line(sentence)}", file=sys.stderr)
 
 
-def note(sentence: str) -> None:
+def print_note(sentence: str) -> None:
     """Print a remark on a result as one line on standard error."""
     print(one_line(sentence), file=sys.stderr, flush=True)
 
@@ -75,7 +75,7 @@ def note(sentence: str) -> None:
 def progress(sentence: str) -> None:
     """Print a step of the work as one line on standard error, where that is a terminal."""
     if sys.stderr.isatty():
-        note(sentence)
+        print_note(sentence)
 
 
 def one_line(text: str) -> str:

@@ -16,7 +16,7 @@ import msgspec
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.output import complain, interruptible, note, print_json, show, show_result
+from accpinn.cli.output import interruptible, print_error, print_json, print_note, show, show_result
 from accpinn.recordings import FLAGS, Recording, facts_of
 from accpinn.recordings.files import opened, read
 from accpinn.recordings.mapping import load_mapping, write_mapping
@@ -80,9 +80,9 @@ def _propose(file: str) -> int:
     proposal = opened_file.proposal
     for choice in proposal.choices:
         role = f"{choice.role}{f' [{choice.unit}]' if choice.unit else ''}" or "not used"
-        note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
+        print_note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
     for question in proposal.undecided:
-        note(f"Open: {question}")
+        print_note(f"Open: {question}")
     show(write_mapping(proposal.mapping).decode())
     return 0
 
@@ -150,7 +150,7 @@ def run_download(options: argparse.Namespace) -> int:
         show(f"{folder}: {', '.join(f'{n} {state}' for state, n in counts.items())}")
     if failed:
         others = f" ({len(failed) - 1} more failed)" if len(failed) > 1 else ""
-        complain(f"{failed[0].reason}{others}")
+        print_error(f"{failed[0].reason}{others}")
     return status or bool(failed)
 
 

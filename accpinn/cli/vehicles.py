@@ -115,13 +115,13 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
     report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
-    uncertainty = subject.uncertainty
+    known = subject.uncertainty
     checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
-            | (_describe_uncertainty(uncertainty, k) if uncertainty else {})
+            | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
                 "measured_check": checks.get(number)

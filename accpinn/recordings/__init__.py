@@ -1,4 +1,7 @@
-"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them."""
+"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them.
+
+files.py makes recordings of files, arrays.py of arrays and frames, synthetic.py by simulation.
+"""
 
 import datetime
 import hashlib
@@ -164,7 +167,7 @@ class ValuesFrozen(Finding, frozen=True):
 
     channel: str
     vehicle: int
-    """The vehicle whose speed, or whose gap to the vehicle ahead, is frozen."""
+    """The one whose speed, or whose gap to the vehicle ahead, it is."""
     window: Window
     """The longest repetition."""
 

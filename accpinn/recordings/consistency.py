@@ -39,14 +39,14 @@ from accpinn.recordings.inconsistency import (
 from accpinn.recordings.increments import (
     AGREEMENT_MINIMUM,
     Grid,
-    Line,
     Pair,
+    Regression,
     agreement_of,
     block_steps,
     correlation_of,
     inliers,
     regression,
-    slope_line,
+    slope_regression,
 )
 from accpinn.recordings.jumps import jumps_of
 from accpinn.recordings.lags import clear_lags, lags_of
@@ -160,10 +160,10 @@ def inconsistencies(pair: Pair) -> Iterator[Inconsistency]:
         shifts = tuple(lag.shift(pair.vehicle) for lag in clear)
         yield ClocksDiffer(pair.vehicle, shifts, clear[0].error)
     ahead, behind = clear[0].of_speeds if clear else (0.0, 0.0)
-    slope = slope_line(grid, ahead, behind)
+    slope = slope_regression(grid, ahead, behind)
     is_off = slope is not None and is_unsound(slope)
     if is_off and lags and not clear:  # a lag that is not clear may be the cause
-        shifted = slope_line(grid, *lags[0].of_speeds)
+        shifted = slope_regression(grid, *lags[0].of_speeds)
         is_off = shifted is not None and is_unsound(shifted)
     factor = 1.0
     if slope:
@@ -217,7 +217,7 @@ def _offset_of_means(vehicle: int, grid: Grid) -> SpeedsApart | GapContradictsSp
     return None
 
 
-def is_unsound(line: Line) -> bool:
+def is_unsound(line: Regression) -> bool:
     """Whether the data determine that a slope is not sound, whatever its sign."""
     least, most = sorted(np.sign(line.slope) * end for end in line.ends)
     return bool(most < SLOPES[0] or least > SLOPES[1])
@@ -264,7 +264,7 @@ def slope_of(
         return None
     clear = clear_lags(grid, lags_of(grid))
     shifts = clear[0].of_speeds if clear else (0.0, 0.0)
-    line, correlation = slope_line(grid, *shifts), agreement_of(grid, *grid.sides(*shifts))
+    line, correlation = slope_regression(grid, *shifts), agreement_of(grid, *grid.sides(*shifts))
     if line is None or correlation is None:
         return None
     return Slope(line.middle, line.middle_error, correlation)

@@ -88,11 +88,7 @@ def unpacked(raw: bytes, refused: Refusal) -> Contents:
 def _table(raw: bytes, refused: Refusal) -> Contents:
     """The text of bytes that are no archive, except that a workbook is one."""
     if raw.startswith(_UTF16_MARKS):
-        try:
-            raw = raw.decode("utf-16").encode()
-        except UnicodeError:
-            cure = "save it as plain CSV (UTF-8)"
-            raise refused("the UTF-16 text is damaged", cure) from None
+        raw = _utf16(raw, refused)
     if raw.startswith(_PARQUET):
         return Contents(_parquet(raw, refused))
     if raw.startswith(ZIP):
@@ -126,6 +122,13 @@ def _gunzipped(raw: bytes, refused: Refusal) -> bytes:
     return content
 
 
+def _utf16(raw: bytes, refused: Refusal) -> bytes:
+    try:
+        return raw.decode("utf-16").encode()
+    except UnicodeError:
+        raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
+
+
 def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
     try:
         return archives.open_archive(raw, LIMIT_MEMBERS)
@@ -154,10 +157,7 @@ def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int =
 def _zipped(raw: bytes, refused: Refusal) -> Contents:
     """A workbook, or the only file of an archive."""
     with _archive(raw, refused) as archive:
-        # Neither folders nor the entries that macOS adds.
-        names = [
-            n for n in archive.namelist() if not n.endswith("/") and not n.startswith("__MACOSX/")
-        ]
+        names = [name for name in archive.namelist() if _is_file(name)]
         if _WORKBOOK in names:
             return _workbook(archive, refused)
         if any(name == "content.xml" or name.startswith("xl/") for name in names):
@@ -167,6 +167,11 @@ def _zipped(raw: bytes, refused: Refusal) -> Contents:
             fault = f"this is a zip archive with {len(names)} files, not a CSV file"
             raise refused(fault, "unpack it, and choose one of them")
         return _table(_member(archive, names[0], refused), refused)
+
+
+def _is_file(name: str) -> bool:
+    """Whether an archive's entry is no folder and none of what macOS adds."""
+    return not name.endswith("/") and not name.startswith("__MACOSX/")
 
 
 # Tables

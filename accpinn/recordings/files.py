@@ -23,7 +23,12 @@ from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pai
 from accpinn.recordings.draft import Proposal
 from accpinn.recordings.inconsistency import GapJumps, Inconsistency
 from accpinn.recordings.mapped import UnitContradictsHeader
-from accpinn.recordings.mapping import CsvMapping, MappingRemembered, keep_mapping, kept_mapping
+from accpinn.recordings.mapping import (
+    CsvMapping,
+    MappingRemembered,
+    remember_mapping,
+    remembered_mapping,
+)
 from accpinn.recordings.proposal import proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.table_layout import Layout, layout_of
@@ -80,12 +85,12 @@ def read(
     file = opened(source, name, mapping)
     if not remember:
         return file.read(trajectory)
-    if file.is_unknown and (remembered := kept_mapping(file.names)):
+    if file.is_unknown and (remembered := remembered_mapping(file.names)):
         return replace(file, mapping=remembered, notes=(MappingRemembered(),)).read(trajectory)
     recording = file.read(trajectory)
     differs = any(isinstance(note, UnitContradictsHeader) for note in recording.notes)
     if mapping and not differs and not contradictions(recording):
-        keep_mapping(mapping, file.names)
+        remember_mapping(mapping, file.names)
     return recording
 
 

@@ -245,7 +245,7 @@ def inliers(gap: FloatArray, integral: FloatArray) -> Mask:
 
 
 @dataclass(frozen=True)
-class Line:
+class Regression:
     """A regression of the gap's increments on those of the integral."""
 
     slope: float
@@ -279,7 +279,9 @@ class Line:
         return max(self.error, abs(self.reverse - self.slope) / 2)
 
 
-def regression(gap: FloatArray, integral: FloatArray, counts: Mask, block: int) -> Line | None:
+def regression(
+    gap: FloatArray, integral: FloatArray, counts: Mask, block: int
+) -> Regression | None:
     """The regression where increments count, with errors by blocks of samples."""
     number = int(counts.sum())
     if number < AGREEMENT_MINIMUM:
@@ -291,7 +293,7 @@ def regression(gap: FloatArray, integral: FloatArray, counts: Mask, block: int) 
     slope = xy / xx
     residuals = y - slope * x
     error = float(np.sqrt((block_sums(x * residuals, block) ** 2).sum())) / xx
-    return Line(slope, error, yy / xy, residuals)
+    return Regression(slope, error, yy / xy, residuals)
 
 
 def block_sums(values: FloatArray, block: int) -> FloatArray:
@@ -304,7 +306,7 @@ def block_steps(grid: Grid, count: int) -> int:
     return max(1, round(min(BLOCK, count * grid.step / SHARE) / grid.step))
 
 
-def slope_line(grid: Grid, ahead: Seconds, behind: Seconds) -> Line | None:
+def slope_regression(grid: Grid, ahead: Seconds, behind: Seconds) -> Regression | None:
     """The regression over `SLOPE_WINDOW`."""
     lasting = len(grid.ahead.values) * grid.step
     scale = grid.window * grid.step / WINDOW

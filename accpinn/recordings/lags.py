@@ -16,7 +16,7 @@ from accpinn.recordings.increments import (
     SHIFTED,
     THE_GAP,
     Grid,
-    Line,
+    Regression,
     block_steps,
     block_sums,
     inliers,
@@ -53,7 +53,7 @@ class Lag:
     seconds: Seconds
     """Time by which the speeds come late."""
     error: Seconds
-    line: Line
+    line: Regression
 
     @property
     def squares(self) -> float:
@@ -131,7 +131,7 @@ def _refined(grid: Grid, counts: Mask, clock: int, start: Seconds) -> Lag | None
     for lag in (start - LAG_STEP, start, start + LAG_STEP):
         counts &= np.isfinite(grid.sides(ahead * lag, behind * lag)[1])
 
-    def scores(lag: Seconds) -> tuple[FloatArray, Line] | None:
+    def scores(lag: Seconds) -> tuple[FloatArray, Regression] | None:
         """(n,) derivatives of half the squares by the lag, and the regression."""
         gap, integral = grid.sides(ahead * lag, behind * lag)
         valid = counts & np.isfinite(integral)

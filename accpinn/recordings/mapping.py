@@ -5,7 +5,7 @@
      "gaps": [{"column": "range", "unit": "ft", "subtract": 4.5}],
      "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}
 
-Speeds are listed leader first, and a gap for each follower. What else can be said:
+Speeds are listed leader first, and a gap for each follower. Further entries:
 
     "time": {"column": "clock", "unit": "clock", "date": "day"}   date and time in two columns
     "time": {"column": "secs", "nanoseconds": "nsecs"}            whole seconds and their fractions
@@ -13,7 +13,7 @@ Speeds are listed leader first, and a gap for each follower. What else can be sa
     "sample_time": 0.1                            even steps, in place of "time"
     {"column": "dv", "relative_to": 2}            a speed relative to that of vehicle 2
     {.., "reversed": true}                        the sign is the other one, of speed or gap
-    {.., "shift": -1.0}                           its clock was wrong: seconds to add to its times
+    {.., "shift": -1.0}                           seconds to add to its times, to correct its clock
     {"column": "p1", "minus": "p2", "subtract": "length"}    a gap between two positions
     "by": {"vehicle": "id", "leader": "leader_id"}           one row a vehicle and instant
     "by": {"vehicle": "id", "lane": "lane", "position": "x"}
@@ -342,7 +342,7 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
     return replace(mapping, speeds=tuple(speeds), gaps=tuple(gaps))
 
 
-def taken_as(mapping: CsvMapping, vehicle: int) -> ReadAs:
+def units_taken(mapping: CsvMapping, vehicle: int) -> ReadAs:
     """The units in which a mapping reads the speed of a vehicle and the gap behind it."""
     at = 0 if mapping.by else vehicle - 1
     is_counted = mapping.time is not None and mapping.time.unit in cures.TIME_UNITS
@@ -362,14 +362,14 @@ def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
         return finding.units((ahead, behind))
     if not isinstance(finding, UnitsDiffer):
         return tuple(c for c in finding.cures if not (mapping.by and isinstance(c, Shift)))
-    taken = taken_as(mapping, finding.vehicle)
+    taken = units_taken(mapping, finding.vehicle)
     if taken.speed not in SPEED_UNITS or taken.gap not in cures.GAP_UNITS:
         return ()
     is_counted = mapping.time is not None and mapping.time.unit in cures.TIME_UNITS
     return tuple(c for c in finding.units(taken) if is_counted or c.time == taken.time)
 
 
-def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
+def remember_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
     """Keep a mapping for the next file with these column names; a full disk is no fault."""
     place = _place(names)
     with suppress(OSError):
@@ -377,7 +377,7 @@ def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
         write_whole(place, write_mapping(mapping))
 
 
-def kept_mapping(names: Sequence[str]) -> CsvMapping | None:
+def remembered_mapping(names: Sequence[str]) -> CsvMapping | None:
     """The mapping kept for files with these column names; None where there is none."""
     try:
         return parse_mapping(_place(names).read_bytes())

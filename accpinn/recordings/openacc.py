@@ -110,7 +110,7 @@ def make_and_model(name: str) -> tuple[str, str]:
     return _makes().get(_key(make), (make, ""))[0], model
 
 
-def is_known(name: str) -> bool:
+def is_listed_name(name: str) -> bool:
     """Whether the table of makes has a name."""
     return _key(name) in _makes()
 

@@ -140,7 +140,7 @@ def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
     matches = []
     for k, others in enumerate(behind_each):
-        speed = _Following(pairs[k].numbers[FOLLOWER_SPEED])
+        speed = _FollowerSpeed(pairs[k].numbers[FOLLOWER_SPEED])
         for other in others:
             if other != k and (shared := speed.shared(pairs[other].numbers[LEADER_SPEED])):
                 matches.append((-shared[0], k, other, shared[1]))
@@ -156,7 +156,7 @@ def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple
     return links
 
 
-class _Following:
+class _FollowerSpeed:
     """The speed of the follower of one pair, which may be the leader's of another pair."""
 
     def __init__(self, speed: FloatArray) -> None:

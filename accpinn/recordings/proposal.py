@@ -33,9 +33,9 @@ from accpinn.recordings.source import SourceFile
 from accpinn.recordings.table_layout import Layout
 from accpinn.recordings.tables import first_cells
 from accpinn.recordings.unit_evidence import (
-    found_by_values,
-    from_values,
-    long_units,
+    find_by_values,
+    proposal_of_values,
+    units_by_vehicle,
     with_units,
 )
 from accpinn.units import Mask
@@ -91,9 +91,9 @@ def _wide(draft: Draft) -> Proposal:
         positions = _in_order(draft.of("position"), len(speeds) + bool(relative))
     has_gaps = bool(gaps or positions)
     if not has_gaps and not relative and time and time.unit != clocks.FRAME:
-        triple = found_by_values(draft, time, speeds)
+        triple = find_by_values(draft, time, speeds)
         if triple:
-            return from_values(draft, time, *triple)
+            return proposal_of_values(draft, time, *triple)
     if not speeds or len(speeds) + bool(relative) < 2:
         draft.undecided.append("Choose the columns with the speeds of leader and follower.")
     count = max(2, len(speeds) + bool(relative))
@@ -326,7 +326,7 @@ def _long(draft: Draft, by: ByVehicle) -> Proposal:
         (SpeedColumn(speed.text, speed.name.speed_unit or "m/s"),), (gap,), time, step,
         trajectory=run.text if run else None, by=by,
     )  # fmt: skip
-    mapping, reason, is_supported = long_units(draft, mapping, columns, rows)
+    mapping, reason, is_supported = units_by_vehicle(draft, mapping, columns, rows)
     for name, role, unit in roles_of(mapping):
         if name and name not in draft.choices:
             column = columns[name]

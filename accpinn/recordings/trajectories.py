@@ -40,7 +40,7 @@ BACKWARD = -0.5
 
 
 @dataclass(frozen=True, eq=False)
-class _Following:
+class _PairStretch:
     """A stretch of time in which one vehicle has the same one ahead, n instants."""
 
     run: str
@@ -67,7 +67,7 @@ def platoons_of(
         raise columns.source_file.refusal(fault, cure)
     behind = _linked(columns.source_file, stretches)
     followers = set(behind.values())
-    chains: list[list[_Following]] = []
+    chains: list[list[_PairStretch]] = []
     for first in range(len(stretches)):
         if first not in followers:
             chain = [first]
@@ -90,7 +90,7 @@ def platoons_of(
     )
 
 
-def _platoon_names(chains: Sequence[Sequence[_Following]]) -> list[tuple[str, ...]]:
+def _platoon_names(chains: Sequence[Sequence[_PairStretch]]) -> list[tuple[str, ...]]:
     """Names of each platoon: those of its pairs, as "3-0", with run and start where needed."""
     runs = {stretch.run for chain in chains for stretch in chain}
     seen: dict[str, int] = {}
@@ -201,7 +201,7 @@ def _require_few(columns: Columns, runs: Sequence[str], vehicles: Sequence[str])
 
 def _stretches(
     columns: Columns, frame: "pd.DataFrame", runs: Sequence[str], ids: Sequence[str]
-) -> Iterator[_Following]:
+) -> Iterator[_PairStretch]:
     """Each vehicle's stretches of time with one and the same vehicle ahead, without long pauses."""
     frame = frame[frame["has_leader"]]
     if not len(frame):
@@ -224,10 +224,10 @@ def _stretches(
     for first, end in zip(firsts[long].tolist(), ends[long].tolist(), strict=True):
         run, leader, vehicle = (int(numbers[first]) for numbers in names.values())
         samples = (values[first:end].copy() for values in series)  # the rest of the table may go
-        yield _Following(runs[run], ids[leader], ids[vehicle], *samples)
+        yield _PairStretch(runs[run], ids[leader], ids[vehicle], *samples)
 
 
-def _linked(source_file: SourceFile, stretches: Sequence[_Following]) -> dict[int, int]:
+def _linked(source_file: SourceFile, stretches: Sequence[_PairStretch]) -> dict[int, int]:
     """Index of the stretch behind by that ahead: its leader is the other's follower for longest."""
     by_leader: dict[tuple[str, str], list[int]] = {}
     for k, stretch in enumerate(stretches):
@@ -260,7 +260,7 @@ def _linked(source_file: SourceFile, stretches: Sequence[_Following]) -> dict[in
 def _long(
     columns: Columns,
     mapping: CsvMapping,
-    chain: Sequence[_Following],
+    chain: Sequence[_PairStretch],
     trajectory: str | None,
     notes: tuple[Finding, ...],
 ) -> Recording:

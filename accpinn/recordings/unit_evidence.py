@@ -198,7 +198,7 @@ def _speed(columns: dict[str, Column], mapping: CsvMapping, vehicle: int) -> Flo
     return values
 
 
-def found_by_values(
+def find_by_values(
     draft: Draft, time: TimeColumn, speeds: Sequence[Column]
 ) -> tuple[Column, Column, Column, str, float] | None:
     """Find two speeds and a gap whose rate of change is their difference.
@@ -261,7 +261,7 @@ def _agreement(
     return float(gap[is_known].std() / driven[is_known].std()), correlation
 
 
-def from_values(
+def proposal_of_values(
     draft: Draft,
     time: TimeColumn,
     ahead: Column,
@@ -283,7 +283,7 @@ def from_values(
     return draft.finished(mapping)
 
 
-def long_units(
+def units_by_vehicle(
     draft: Draft, mapping: CsvMapping, columns: dict[str, Column], rows: Mask
 ) -> tuple[CsvMapping, str, bool]:
     """The mapping in the units in which a vehicle's position changes by its speed."""

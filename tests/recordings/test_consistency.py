@@ -1,4 +1,4 @@
-"""Consistency of gaps and speeds: the cause of each fault is found, and sound data are sound."""
+"""Consistency of gaps and speeds: each fault is found by its cause, and sound data pass."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -122,23 +122,25 @@ def test_little_data_and_vehicles_at_rest_are_not_judged() -> None:
 
 
 @pytest.mark.parametrize("folder", ["openacc", "samples"])
-def test_recordings_at_hand(folder: str, request: pytest.FixtureRequest) -> None:
+def test_sound_recordings_have_no_inconsistencies_but_five_jumps(
+    folder: str, request: pytest.FixtureRequest
+) -> None:
     """All that is found is five gaps that jump, as where a receiver corrects its position."""
     if folder == "openacc":
         root: Path = request.getfixturevalue("openacc_dir")
         files = [path for path in root.glob("*/*.csv") if path.parent.name != "corrupt"]
     else:
         files = list(Path("sample_data").glob("*.csv"))
-    found = {}
+    jumps_by_vehicle = {}
     for path in files:
         run = read(path)
         for finding in run.findings:
             if isinstance(finding, Inconsistency):
                 assert isinstance(finding, GapJumps)
                 ((instant, size),) = zip(finding.times, finding.sizes, strict=True)
-                found[path.name, finding.vehicle] = round(instant), round(size)
+                jumps_by_vehicle[path.name, finding.vehicle] = round(instant), round(size)
     if folder == "openacc":
-        assert found == {
+        assert jumps_by_vehicle == {
             ("Cher-JRC_240918_rec1_part2.csv", 1): (677, 9),
             ("Cher-JRC_240918_rec1_part2.csv", 2): (677, -9),
             ("Cher-JRC_240918_rec2_part1.csv", 1): (102, -6),
@@ -147,22 +149,22 @@ def test_recordings_at_hand(folder: str, request: pytest.FixtureRequest) -> None
         }
     else:
         assert files
-        assert not found
+        assert not jumps_by_vehicle
 
 
 # Power
 
 
-def share(places: Sequence[int], is_found: Callable[[int], bool]) -> float:
-    return float(np.mean([is_found(k) for k in places]))
+def share(places: Sequence[int], holds: Callable[[int], bool]) -> float:
+    return float(np.mean([holds(k) for k in places]))
 
 
 def test_units_are_named() -> None:
-    """As where the header says mph and the form km/h."""
+    """The units in which columns were really written are among the cures."""
 
     def named(k: int, cure: ReadAs, **factors: float) -> bool:
-        found = list(inconsistencies(scaled(sensed(k), **factors)))
-        return bool(found) and isinstance(found[0], UnitsDiffer) and cure in found[0].cures
+        findings = list(inconsistencies(scaled(sensed(k), **factors)))
+        return bool(findings) and isinstance(findings[0], UnitsDiffer) and cure in findings[0].cures
 
     cases = [
         (ReadAs(speed="km/h"), {"speed": 3.6}),
@@ -175,9 +177,9 @@ def test_units_are_named() -> None:
     assert share(MOVING, lambda k: named(k, ReadAs(time="ms"), clock=1000.0)) > 0.5
 
     def misread(k: int) -> bool:
-        found = list(inconsistencies(scaled(sensed(k), speed=0.44704 * 3.6)))
+        findings = list(inconsistencies(scaled(sensed(k), speed=0.44704 * 3.6)))
         return any(
-            isinstance(f, UnitsDiffer) and ("speed", "mph", "km/h") in f.misread for f in found
+            isinstance(f, UnitsDiffer) and ("speed", "mph", "km/h") in f.misread for f in findings
         )
 
     assert share(EVERY, misread) > 0.9
@@ -193,7 +195,7 @@ def test_units_depend_on_how_the_columns_were_read() -> None:
 
 
 def test_sound_data_have_a_slope_of_one() -> None:
-    """Noise of the speeds does not attenuate it: a scale of 0.7 is told as such."""
+    """Noise of the speeds does not attenuate the slope: a scale of 0.7 is recovered."""
     for k in MOVING:
         finding = only(UnitsDiffer, scaled(sensed(k), gap=0.7))
         assert finding.slope == pytest.approx(0.7, abs=max(0.03, 3 * finding.error))
@@ -204,8 +206,12 @@ def test_exchanged_speeds_and_a_reversed_gap() -> None:
         pair = sensed(k)
         exchanged = altered(pair, ahead=pair.behind, behind=pair.ahead)
         wrong = exchanged if isinstance(cure, Exchange) else scaled(pair, gap=-1.0)
-        found = list(inconsistencies(wrong))
-        return len(found) == 1 and isinstance(found[0], SignReversed) and found[0].cures == (cure,)
+        findings = list(inconsistencies(wrong))
+        return (
+            len(findings) == 1
+            and isinstance(findings[0], SignReversed)
+            and findings[0].cures == (cure,)
+        )
 
     for cure in (Exchange(1), Reverse(1)):
         assert share(EVERY, lambda k: cured(k, cure)) > 0.95  # noqa: B023
@@ -216,7 +222,7 @@ def test_clocks_that_differ(lag: float, least: float) -> None:
     """The channel is named, or among those that would do."""
     stem = {0: ("Speed", 1), 1: ("Speed", 2), 2: ("IVS", 1)}
 
-    def found(k: int, late: int) -> bool:
+    def is_named(k: int, late: int) -> bool:
         lags = [0.0, 0.0, 0.0]
         lags[late] = lag
         clocks = [f for f in inconsistencies(sensed(k, lags)) if isinstance(f, ClocksDiffer)]
@@ -228,7 +234,7 @@ def test_clocks_that_differ(lag: float, least: float) -> None:
             if isinstance(shift, Shift)
         )
 
-    shares = [share(SOME, lambda k: found(k, late)) for late in range(3)]  # noqa: B023
+    shares = [share(SOME, lambda k: is_named(k, late)) for late in range(3)]  # noqa: B023
     assert np.mean(shares) > least
     assert min(shares) > 0.3
 
@@ -326,15 +332,15 @@ def test_sentences_are_short() -> None:
     clocks = ClocksDiffer(
         1, (Shift("Speed", 1, -1.25), Shift("Speed", 2, 1.25), Shift("IVS", 1, -1.25)), 0.123
     )
-    found = [
+    findings = [
         *inconsistencies(scaled(pair, 3.6, -1.0)),
         *inconsistencies(coarse_sum()),
         many,
         clocks,
         SpeedsApart(1, -40.0, (0.62, 1.609)),
     ]
-    assert len(found) == 7
-    for finding in found:
+    assert len(findings) == 7
+    for finding in findings:
         assert len(finding.sentence(Cast())) <= 300
 
 
@@ -380,7 +386,7 @@ def test_a_window_across_a_jump_carries_the_finding() -> None:
 
     def jumps(start: float, duration: float, vehicles: tuple[int, ...]) -> list[object]:
         segment = cut(run, start, duration, vehicles)
-        return [found for found in segment.findings if isinstance(found, GapJumps)]
+        return [finding for finding in segment.findings if isinstance(finding, GapJumps)]
 
     assert jumps(10.0, 45.0, (2, 3)) == list(run.jumps)
     assert jumps(0.0, 35.0, (2, 3)) == jumps(41.0, 15.0, (2, 3)) == jumps(10.0, 45.0, (1, 2)) == []
@@ -390,14 +396,14 @@ def test_a_window_across_a_jump_carries_the_finding() -> None:
     assert car_following(recording(platoon(3, 700)), "2-3")[0].duration > 60.0
 
 
-def test_a_computed_gap_is_said_but_may_be_used() -> None:
+def test_a_computed_gap_is_reported_but_may_be_used() -> None:
     frame, rng = platoon(2, 900), np.random.default_rng(3)
     frame[["Speed1", "Speed2"]] += rng.normal(0, 0.05, (900, 2))
     difference = (frame["Speed1"] - frame["Speed2"]).to_numpy()
     frame["IVS1"] = 30 + 0.1 * np.cumsum(difference)
     run = recording(frame, "AB")
     segment = cut(run, 0.0, 60.0, (1, 2))
-    assert any(isinstance(found, GapComputed) for found in segment.findings)
+    assert any(isinstance(finding, GapComputed) for finding in segment.findings)
     ratings = {r.question: r for r in rate(segment, run, assess_quality(segment))}
     assert ratings["consistent"].grade is Grade.FAIR
     assert plan(run, 300.0)
