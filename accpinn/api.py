@@ -175,15 +175,15 @@ def _method(
     preset = changes.get("preset")
     if method is None:
         method = recommended_method(model) if preset is None else "pinn"
-    entry = method_of(method)
-    if method != entry.key and preset not in (None, DEFAULT):  # an alias means a certain preset
+    found = method_of(method)
+    if method != found.key and preset not in (None, DEFAULT):  # an alias means a certain preset
         raise ConfigError(
-            f"preset: {method} means {entry.key} with the preset {DEFAULT}; leave {method} out."
+            f"preset: {method} means {found.key} with the preset {DEFAULT}; leave {method} out."
         )
-    if entry.settings:
-        return entry.key, changes
-    _refuse(f"the method {entry.key} has none", preset=preset, seed=seed, settings=settings)
-    return entry.key, None
+    if found.settings:
+        return found.key, changes
+    _refuse(f"the method {found.key} has none", preset=preset, seed=seed, settings=settings)
+    return found.key, None
 
 
 def _refuse(why: str, **given: object) -> None:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from accpinn.channels import fields
 from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, chosen_model, named_keys
-from accpinn.cli.output import interruptible, print_json, print_note, show, show_result
+from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
@@ -71,7 +71,7 @@ def run_batch(options: argparse.Namespace) -> int:
     mapping = load_mapping(options.mapping) if options.mapping else None
     model_key(options.model)  # its script may register methods, too
     if options.scheduler and (warning := plain_scheduler(options.scheduler)):
-        print_note(f"Warning: {warning}")
+        note(f"Warning: {warning}")
     with interruptible() as stopped, _progress_bar() as show_progress:
         summary = batch(
             options.sources,
@@ -138,9 +138,7 @@ def run_table(options: argparse.Namespace) -> int:
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     grouped = group(read_study(options.study), by, options.level)
     if not grouped.groups:
-        print_note(
-            f"Note: no window of {options.study} has a result yet; {FAILURES} says what failed."
-        )
+        note(f"Note: no window of {options.study} has a result yet; {FAILURES} says what failed.")
     if options.json:
         print_json(groups_document(grouped))
     else:

@@ -25,7 +25,7 @@ from accpinn.cli.options import (
     chosen_store,
     named_keys,
 )
-from accpinn.cli.output import interruptible, print_note, show_result
+from accpinn.cli.output import interruptible, note, show_result
 from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
@@ -154,7 +154,7 @@ def run_fit(options: argparse.Namespace) -> int:
     finally:
         show_result(options, lambda: describe_fit(result), lambda: fit_text(result))
     if options.out is not None:
-        print_note(f"Saved as {options.out}.")
+        note(f"Saved as {options.out}.")
     return 130 if result.estimate.outcome is Outcome.STOPPED else 0
 
 

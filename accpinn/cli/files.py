@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
-from accpinn.cli.output import print_error, print_json, print_note, progress, show, show_result
+from accpinn.cli.output import note, print_error, print_json, progress, show, show_result
 from accpinn.cli.recordings import JSON, Option, option
 from accpinn.errors import ConfigError, RecordingError, SnapshotError
 from accpinn.recordings import Recording
@@ -170,7 +170,7 @@ def run_report(options: argparse.Namespace) -> int:
     write_file(page.encode(), real, "report")
     show(str(place))
     if checked.ok is not False:
-        print_note(checked.sentence)
+        note(checked.sentence)
         return 0
     print_error(
         f"what the snapshot says does not follow from its contents. {checked.sentence} The report"

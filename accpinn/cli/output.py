@@ -67,7 +67,7 @@ def print_error(sentence: str) -> None:
         print(f"error: {one_line(sentence)}", file=sys.stderr)
 
 
-def print_note(sentence: str) -> None:
+def note(sentence: str) -> None:
     """Print a remark on a result as one line on standard error."""
     print(one_line(sentence), file=sys.stderr, flush=True)
 
@@ -75,7 +75,7 @@ def print_note(sentence: str) -> None:
 def progress(sentence: str) -> None:
     """Print a step of the work as one line on standard error, where that is a terminal."""
     if sys.stderr.isatty():
-        print_note(sentence)
+        note(sentence)
 
 
 def one_line(text: str) -> str:

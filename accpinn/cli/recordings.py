@@ -16,7 +16,7 @@ import msgspec
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.output import interruptible, print_error, print_json, print_note, show, show_result
+from accpinn.cli.output import interruptible, note, print_error, print_json, show, show_result
 from accpinn.recordings import FLAGS, Recording, facts_of
 from accpinn.recordings.files import opened, read
 from accpinn.recordings.mapping import load_mapping, write_mapping
@@ -80,9 +80,9 @@ def _propose(file: str) -> int:
     proposal = opened_file.proposal
     for choice in proposal.choices:
         role = f"{choice.role}{f' [{choice.unit}]' if choice.unit else ''}" or "not used"
-        print_note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
+        note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
     for question in proposal.undecided:
-        print_note(f"Open: {question}")
+        note(f"Open: {question}")
     show(write_mapping(proposal.mapping).decode())
     return 0
 

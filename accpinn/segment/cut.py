@@ -121,7 +121,7 @@ def cut(
         sha256=recording.sha256,
         findings=tuple(findings),
         missing=missing,
-        longest_time_gaps=tuple(car_following_limit(recording, number) for number in chosen[1:]),
+        longest_time_gaps=tuple(longest_in(recording, number) for number in chosen[1:]),
     )
 
 
@@ -160,7 +160,7 @@ def _in_window(
         yield cast("SegmentFinding", finding)
 
 
-def car_following_limit(recording: Recording, number: int) -> Seconds:
+def longest_in(recording: Recording, number: int) -> Seconds:
     """The longest time gap in car-following of a follower, from all that it drives by itself."""
     gaps = time_gaps(recording.speed_of(number), recording.gap_behind(number - 1))
     return longest_time_gap(gaps[recording.mode[:, number - 1] != Mode.HUMAN])

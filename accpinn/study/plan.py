@@ -47,9 +47,9 @@ from accpinn.segment.cut import (
     MAX_FOLLOWERS,
     MINIMUM_DURATION,
     SLACK,
-    car_following_limit,
     chains,
     complete_windows,
+    longest_in,
 )
 from accpinn.storage import is_text, printable, reason_of
 from accpinn.study import vehicles_of
@@ -182,9 +182,7 @@ def qualifies(recording: Recording, number: int) -> Mask:
     allowed: Mask = complete & ~by_hand
     speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
     # A bridged sample has no time gap of its own and counts as its neighbours do.
-    away = allowed & (speed <= MOVING) | (
-        time_gaps(speed, gap) > car_following_limit(recording, number)
-    )
+    away = allowed & (speed <= MOVING) | (time_gaps(speed, gap) > longest_in(recording, number))
     away |= (speed > SPEED.highest) | (gap > GAP.highest)
     for stretch in stretches(away):
         inside = stretch.first > 0 and stretch.last < recording.samples - 1

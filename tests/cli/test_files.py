@@ -252,16 +252,16 @@ TWO = ("--alpha", 0.1, 0.2, "--beta", 0.2, 0.3, "--tau", 1, 1)
 
 
 def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
-    (output,) = document(capsys, "stability", *GIVEN)["vehicles"]
+    (found,) = document(capsys, "stability", *GIVEN)["vehicles"]
     (expected,) = stability_report(ASTAZERO.parameters[3:]).vehicles
-    assert [output[name] for name in ("alpha", "beta", "tau")] == [float(v) for v in TESLA.values]
-    assert output["l2"]["criterion"] == expected.l2.value
-    assert (output["l2"]["stable"], output["linf_paper"]["stable"]) == (False, True)
-    assert output["linf_exact"]["gain"] == expected.linf_gain
-    assert output["peak"] == vars(expected.peak)
-    assert output["crossover"] == expected.crossover
-    assert output["smallest_tau"] == vars(expected.smallest_tau)
-    assert all(output[name]["reason"] for name in ("l2", "linf_paper", "linf_exact"))
+    assert [found[name] for name in ("alpha", "beta", "tau")] == [float(v) for v in TESLA.values]
+    assert found["l2"]["criterion"] == expected.l2.value
+    assert (found["l2"]["stable"], found["linf_paper"]["stable"]) == (False, True)
+    assert found["linf_exact"]["gain"] == expected.linf_gain
+    assert found["peak"] == vars(expected.peak)
+    assert found["crossover"] == expected.crossover
+    assert found["smallest_tau"] == vars(expected.smallest_tau)
+    assert all(found[name]["reason"] for name in ("l2", "linf_paper", "linf_exact"))
     bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
     assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
     assert main(["stability", *map(str, TWO)]) == 0

@@ -13,7 +13,7 @@ from accpinn import Sinusoid, fit, load, simulate_platoon, stability_report
 from accpinn.methods.registry import VARIANTS, variant_of
 from tests.support.command import PLATOON, Capture, document
 
-WINDOWS = "10-30,100-120"
+WINDOWS = "10-40,100-130"
 TERMS = ("alpha", "beta", "tau", "s0", "lag", "delay")
 EXACTLY = {"rel": 1e-9, "abs": 1e-12}
 """Documents hold all digits."""
@@ -30,7 +30,7 @@ def test_the_estimate_is_the_same_everywhere(
     name: str, model: str | None, tmp_path: Path, capsys: Capture
 ) -> None:
     method, config = variant_of(name)
-    numbers = "1-2" if model else "1-3"  # a nonlinear model takes long for each follower
+    numbers = "1-2" if model or name == "pinn" else "1-3"  # one follower where each takes long
     preset, few = (config.preset, {}) if config else (None, {})
     if preset in ("fast", "paper"):
         few = {"iterations": 5}
@@ -66,8 +66,9 @@ def test_the_estimate_is_the_same_everywhere(
     assert driven["minimum_gap"] == pytest.approx(run.minimum_gap.tolist(), **EXACTLY)
     waves = run.amplitudes.predicted.tolist()
     assert driven["predicted_amplitude"] == pytest.approx(waves, **EXACTLY)
-    again = fit(
-        PLATOON, None, None, numbers, windows=WINDOWS, method=method, preset=preset, model=model,
-        settings=few or None,
-    )  # fmt: skip
-    np.testing.assert_allclose(again.parameters.everything, expected.everything, rtol=1e-9)
+    if model is None:
+        again = fit(
+            PLATOON, None, None, numbers, windows=WINDOWS, method=method, preset=preset,
+            settings=few or None,
+        )  # fmt: skip
+        np.testing.assert_allclose(again.parameters.everything, expected.everything, rtol=1e-9)

@@ -92,7 +92,7 @@ def test_nothing_is_found_in_sound_drives(seed: int) -> None:
 
 @pytest.mark.parametrize("hole", [0.5, 3.0, 20.0])
 def test_missing_and_frozen_samples_are_no_fault(hole: float) -> None:
-    for k in SOME:
+    for k in MOVING[::3]:
         pair = sensed(k)
         for name in ("gap", "ahead", "behind"):
             values = getattr(pair, name).copy()
@@ -389,7 +389,7 @@ def test_checks_are_quick() -> None:
     rng = np.random.default_rng(4)
     pairs = [recorded(drive, 10.0, "radar", rng) for drive in drives(["motorway"] * 4, 1210.0, rng)]
     taken = []
-    for _ in range(3):
+    for _ in range(2):
         fresh = [altered(pair) for pair in pairs]
         started = process_time()
         for pair in fresh:

@@ -16,7 +16,7 @@ from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.segment import Segment, SegmentInfo, time_gaps
-from accpinn.segment.cut import car_following_limit
+from accpinn.segment.cut import longest_in
 from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, REGIMES, STANDSTILL, Regimes
 from accpinn.units import FloatArray, Seconds, stretches
 
@@ -100,7 +100,7 @@ def overview(
     strong = {highlight} if highlight else {*vehicles[1:]}
     if view == "time gap":
         chart.axis("y", range=[0, HIGHEST_TIME_GAP])
-    levels = {"relative": {0.0}, "time gap": {car_following_limit(recording, k) for k in strong}}
+    levels = {"relative": {0.0}, "time gap": {longest_in(recording, k) for k in strong}}
     for level in levels.get(view, ()):
         chart.level("y", level, DOTTED)
     ahead = {number - 1 for number in strong}
