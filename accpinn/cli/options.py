@@ -34,7 +34,7 @@ def _fixed(text: str) -> tuple[str, float]:
 
 
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A parser of texts as argparse wants it."""
+    """A parser whose errors argparse reports."""
 
     def parsed(text: str) -> Any:
         try:
@@ -121,12 +121,12 @@ def chosen_analysis(
     windows, duration = getattr(options, "windows", None), options.duration
     if windows == ALL:
         windows, duration = _all_windows(options, recording), None
-    asked = analyse(
+    analysis = analyse(
         recording, options.start, duration, options.vehicles, windows=windows, case=options.case,
         model=getattr(options, "model", None), fixed=dict(fixed), method=method, preset=preset,
         settings=settings, exclude=options.exclude,
     )  # fmt: skip
-    return asked, recording
+    return analysis, recording
 
 
 def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
@@ -142,5 +142,5 @@ def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[
 
 
 def chosen_store(options: argparse.Namespace) -> Store | None:
-    """Where results are kept; None where the options want none."""
+    """The store of results; None with --no-cache."""
     return None if options.no_cache else Store()

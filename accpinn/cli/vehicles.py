@@ -1,4 +1,4 @@
-"""`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
+"""`stability` and `simulate`: how vehicles with given parameters amplify disturbances."""
 
 import argparse
 from typing import Any
@@ -145,8 +145,8 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
             **{
-                name: _verdict(*said)
-                for name, said in zip(PLATOON, platoon_reasons(subject), strict=True)
+                name: _verdict(verdict, why)
+                for name, (verdict, why) in zip(PLATOON, platoon_reasons(subject), strict=True)
             },
         },
     }
@@ -161,7 +161,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     )
     return {
         **fields(vehicle.parameters, *PARAMETER_KEYS, *TERMS),
-        **{key: own | _verdict(v, reason(v, vehicle)) for key, v, own in verdicts},
+        **{key: criterion | _verdict(v, reason(v, vehicle)) for key, v, criterion in verdicts},
         **fields(vehicle, "crossover", "onset", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
@@ -169,13 +169,13 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
-def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
+def _describe_uncertainty(uncertainty: Uncertainty, k: int) -> dict[str, Any]:
     """Probabilities and intervals of a vehicle's stability."""
-    spans = {name: getattr(known, name) for name in ("peak_gain", "linf_gain")}
+    spans = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain")}
     return {
-        "probability_l2": known.probability_l2[k],
-        "probability_linf": known.probability_linf[k],
-        "level": known.level,
+        "probability_l2": uncertainty.probability_l2[k],
+        "probability_linf": uncertainty.probability_linf[k],
+        "level": uncertainty.level,
         "intervals": {name: [span.lower[k], span.upper[k]] for name, span in spans.items()},
     }
 
@@ -208,8 +208,8 @@ def _report_text(subject: KnownVehicles) -> str:
         lines += [headline(subject), assumption(subject.result)]
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
-    for k, (label, said) in enumerate(reasons(subject)):
-        for verdict, why in said:
+    for k, (label, verdicts) in enumerate(reasons(subject)):
+        for verdict, why in verdicts:
             title = verdict.criterion.value
             of_platoon = f"Platoon, {title}: {verdict.word}. {why}"
             lines.append(f"{label}, {title}: {why}" if k < len(vehicles) else of_platoon)
@@ -246,10 +246,11 @@ def run_simulate(options: argparse.Namespace) -> int:
 
     def text() -> str:
         labels = [cast.label(k) for k in range(len(result.largest_deviation))]
-        growth, known = disturbance(result, cast), known_growth(subject, cast, result)
-        said = filter(None, (growth, known, most_amplified(result), smallest_gap(result, cast)))
+        growth, posterior_growth = disturbance(result, cast), known_growth(subject, cast, result)
+        extremes = most_amplified(result), smallest_gap(result, cast)
+        sentences = filter(None, (growth, posterior_growth, *extremes))
         notes = [f"Note: {warning}" for warning in warnings]
-        return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
+        return "\n".join([amplitude_table(result, labels).to_text(), "", *sentences, *notes])
 
     show_result(options, document, text)
     return 0

@@ -1,4 +1,4 @@
-"""The table inside a file, as CSV text, whatever the file packs it in.
+"""The table inside a file of any known format, as CSV text.
 
 A kind of file is known by its first bytes, never by its name: plain text, which stays as it is;
 UTF-16 text with a byte-order mark; an Excel workbook; a Parquet file; SUMO's floating-car data; and
@@ -65,7 +65,7 @@ class SheetChosen(Finding, frozen=True):
 
 @dataclass(frozen=True)
 class Contents:
-    """The text of a file, and what a reader should know about how it was found."""
+    """The text of a file, and findings about how it was unpacked."""
 
     text: bytes
     """CSV text without a byte-order mark; the bytes themselves where they are no known kind."""
@@ -212,7 +212,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
             count = len(book.worksheets)
     except RecordingError:
         raise
-    except Exception as fault:  # whatever a hand-made workbook makes the library stumble over
+    except Exception as fault:  # a malformed workbook ends in many kinds of errors
         raise refused("the workbook is damaged", f"save the sheet as CSV, or {_BROKEN}") from fault
     width = max(map(len, rows), default=0)
     padded = (row + [""] * (width - len(row)) for row in rows)
@@ -221,7 +221,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
 
 
 def _inflated(archive: "zipfile.ZipFile", refused: Refusal) -> io.BytesIO:
-    """The workbook's parts without compression, so that the library meets what was checked."""
+    """The workbook's parts without compression, so that the library reads checked bytes."""
     import zipfile
 
     content, used = io.BytesIO(), 0
@@ -251,7 +251,7 @@ def _first_table(tables: Iterable[tuple[str, list[list[str]]]]) -> tuple[str, li
 
 def _cells(sheet: Any, refused: Refusal) -> list[list[str]]:
     """The cells of a sheet from its first row on, without empty ones at the end of rows."""
-    sheet.reset_dimensions()  # what a workbook says of its size may be wrong
+    sheet.reset_dimensions()  # the size that a workbook states may be wrong
     rows: list[list[str]] = []
     filled, width = 0, 0
     for values in sheet.iter_rows(values_only=True):

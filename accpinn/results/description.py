@@ -20,7 +20,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.recordings import ValuesOutOfRange
-from accpinn.recordings.consistency import GapComputed, Inconsistency
+from accpinn.recordings.inconsistency import GapComputed, Inconsistency
 from accpinn.results.vehicles import (
     KnownVehicles,
     Objection,

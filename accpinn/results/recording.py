@@ -13,8 +13,9 @@ import numpy as np
 from accpinn.findings import joined, percent
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window
-from accpinn.recordings.consistency import Cure, Exchange, ReadSpeedAs, Reverse, Shift, agreement
-from accpinn.recordings.mapping import CsvMapping, taken_as
+from accpinn.recordings.cures import Cure, Exchange, ReadSpeedAs, Reverse, Shift
+from accpinn.recordings.increments import agreement
+from accpinn.recordings.mapping import CsvMapping, units_taken
 from accpinn.results.tables import ABSENT, Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
@@ -169,7 +170,7 @@ def cure_words(cure: Cure, mapping: CsvMapping, vehicle: int) -> str:
         return f"Shift {cure.channel}{cure.vehicle} by {seconds} s"
     if isinstance(cure, ReadSpeedAs):
         return f"Read the speed of vehicle {cure.vehicle} as {cure.unit}"
-    changes = cure.changes(taken_as(mapping, vehicle))
+    changes = cure.changes(units_taken(mapping, vehicle))
     plural = {"speed": "speeds", "gap": "gaps"}
     return "Read " + joined([f"{plural.get(name, name)} as {unit}" for name, unit in changes])
 

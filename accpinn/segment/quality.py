@@ -56,7 +56,8 @@ from accpinn.recordings import (
     Recording,
     frozen_values,
 )
-from accpinn.recordings.consistency import Inconsistency, agreement
+from accpinn.recordings.inconsistency import Inconsistency
+from accpinn.recordings.increments import agreement
 from accpinn.segment import (
     BlocksMissing,
     Bridged,
@@ -72,8 +73,8 @@ from accpinn.units import (
     MetresPerSecond,
     Seconds,
     frozen,
-    known_deviation,
     nanmean,
+    nanstd,
 )
 
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
@@ -98,7 +99,7 @@ class NearEquilibrium(Finding, frozen=True):
     """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
 
     text = "Near equilibrium, where α, β and τ are poorly identified: {listed}."
-    each = "{vehicle} (Δv varies by {deviations:.2f} m/s, condition number {conditions:.0f})"
+    item_text = "{vehicle} (Δv varies by {deviations:.2f} m/s, condition number {conditions:.0f})"
 
     vehicles: tuple[int, ...]
     deviations: tuple[MetresPerSecond, ...]
@@ -114,7 +115,7 @@ class LittleCarFollowing(Finding, frozen=True):
         f"In car-following for less than {100 * LITTLE_CAR_FOLLOWING:.0f} % of the time, and"
         " elsewhere the model does not hold: {listed}."
     )
-    each = "{vehicle} ({shares:.1%})"
+    item_text = "{vehicle} ({shares:.1%})"
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
@@ -125,7 +126,7 @@ class GapsNegative(Finding, frozen=True):
     """Followers with negative space-gaps."""
 
     text = "The space-gap is negative, which is impossible: {listed}."
-    each = "{vehicle} (at {instants} instants)"
+    item_text = "{vehicle} (at {instants} instants)"
 
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
@@ -171,9 +172,9 @@ def assess_quality(segment: Segment) -> Quality:
     parts = regressors(segment.speeds, segment.gaps)
     figures = Quality(
         mean_time_gap=tuple(nanmean(segment.time_gaps).tolist()),
-        leader_deviation=float(known_deviation(speeds[:, 0])),
-        relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
-        acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
+        leader_deviation=float(nanstd(speeds[:, 0])),
+        relative_deviation=tuple(nanstd(speeds[:, :-1] - speeds[:, 1:]).tolist()),
+        acceleration_deviation=tuple(nanstd(acceleration).tolist()),
         condition=tuple(map(_condition, parts, segment.counts.T)),
         car_following=tuple(nanmean(np.where(unknown, np.nan, segment.car_following)).tolist()),
     )

@@ -33,7 +33,7 @@ from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.recordings.openacc import is_known
+from accpinn.recordings.openacc import is_listed_name
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.study import Analysis, Source
@@ -287,7 +287,7 @@ class _Batch:
         is_ended = first is None or self._work(chain([first], jobs), should_stop)
         self._study.note(replace(self._request, is_finished=is_ended))
         named = {row["name"] for row in read_rows(self._study.folder) if row["make"]}
-        self._now.unknown_names = tuple(sorted(name for name in named if not is_known(name)))
+        self._now.unknown_names = tuple(sorted(name for name in named if not is_listed_name(name)))
         self._now.stopped = not is_ended
         if is_ended:
             self._now.share = 1.0

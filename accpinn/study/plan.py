@@ -37,13 +37,10 @@ from accpinn.recordings import (
     ValuesOutOfRange,
     Window,
 )
-from accpinn.recordings.consistency import (
-    AGREEMENT_LIMIT,
-    GapContradictsSpeeds,
-    Inconsistency,
-    agreement,
-)
+from accpinn.recordings.consistency import AGREEMENT_LIMIT
 from accpinn.recordings.files import read_all
+from accpinn.recordings.inconsistency import GapContradictsSpeeds, Inconsistency
+from accpinn.recordings.increments import agreement
 from accpinn.segment import time_gaps
 from accpinn.segment.cut import (
     DURATION,

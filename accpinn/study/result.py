@@ -46,7 +46,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import time_gap
 from accpinn.recordings import Facts, Recording, ValuesOutOfRange, facts_of
-from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality

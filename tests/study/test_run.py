@@ -111,7 +111,9 @@ class TestStore:
 class TestCourse:
     def test_the_point_is_told_before_its_intervals(self, recording: Recording) -> None:
         watched = Watched()
-        result = run(make_analysis(recording, "pinn", windows=TWO), recording, context=watched.context)
+        result = run(
+            make_analysis(recording, "pinn", windows=TWO), recording, context=watched.context
+        )
         first, told = [what for what in watched.seen if isinstance(what, Estimate)]
         at = watched.seen.index(told)
         phases = [phase for phase in watched.seen if phase == PARAMETERS]

@@ -12,9 +12,9 @@ import streamlit as st
 from accpinn.findings import Finding
 from accpinn.recordings import Recording
 from accpinn.recordings.clocks import FRAME
-from accpinn.recordings.consistency import Inconsistency
 from accpinn.recordings.draft import Choice, Proposal, roles_of
 from accpinn.recordings.files import contradictions
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.mapping import (
     CsvMapping,
     GapColumn,
