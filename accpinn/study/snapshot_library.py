@@ -158,11 +158,12 @@ class Library(Shelf):
         """Keep how a snapshot was verified; nothing happens where that cannot be written.
 
         A failure takes the place of whatever stands there, anything else that of what compared
-        fewer numbers. A file that was changed or deleted meanwhile gets nothing.
+        no more numbers; nothing is kept of one that compared none. A file that was changed or
+        deleted meanwhile gets nothing.
         """
         path, earlier = self.path(result.id), self.verification(result.id)
-        is_more = earlier is None or verification.numbers >= earlier.numbers
-        if not (is_more or verification.ok is False):
+        least = earlier.numbers if earlier else 1
+        if verification.ok is not False and verification.numbers < least:
             return
         with suppress(OSError, SnapshotError):
             state, checksum = state_of(path), _checksum(path)

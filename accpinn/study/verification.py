@@ -193,7 +193,8 @@ class Verification:
     def brief(self) -> str:
         """The mark with its number, for a list."""
         differing = sum(check.differing for check in self.checks)
-        counted = f"{differing:,} differ" if differing else f"{self.numbers:,} agree"
+        words = {True: "verified", False: "differ", None: "in part"}[self.ok]
+        counted = f"{differing if self.ok is False else self.numbers:,} {words}"
         return f"{MARKS[self.ok]} {'differs' if self.ok is False and not differing else counted}"
 
     @property

@@ -349,7 +349,7 @@ def test_a_click_on_the_response_drives_a_platoon_and_values_by_hand_are_typed(
     cells = page.get_by_test_id("stDataFrame").locator("canvas").first
     expect(cells).to_be_visible()
     box = cells.bounding_box()
-    page.mouse.dblclick(box["x"] + 0.68 * box["width"], box["y"] + 52)
+    page.mouse.dblclick(box["x"] + 0.46 * box["width"], box["y"] + 52)
     cell = page.locator(".gdg-input")
     expect(cell).to_have_value("0.0718")
     cell.fill("1.5")

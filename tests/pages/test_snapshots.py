@@ -83,6 +83,19 @@ class TestList:
         assert library().verification(name).brief in listed
         assert said in html.unescape(listed), "on hover"
 
+    def test_once_the_recording_is_open_its_data_are_compared_too(self) -> None:
+        name = library().add(whole())
+        session = sessions.workspaces().new()
+        session.viewed = name
+        page = open_page("Snapshots", session).press("snapshots_again")
+        assert session.verifications[name].wait(WAIT)
+        assert "snapshots_again" not in page.sound().buttons
+        session.open(files.read(PLATOON))
+        page.sound().press("snapshots_again")
+        assert session.verifications[name].wait(WAIT)
+        assert library().verification(name).has_recording
+        assert "snapshots_again" not in page.sound().buttons
+
     def test_a_verification_is_stopped_and_leaves_no_mark(self) -> None:
         name = library().add(whole())
         page = open_page("Snapshots", snapshot=name)

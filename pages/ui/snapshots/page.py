@@ -34,7 +34,7 @@ UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 COLOURS = {True: "green", False: "red", None: "gray"}
 """Of a verification's mark by its outcome."""
-MARK = '<span style="cursor: help; white-space: nowrap; opacity: .85" title="{why}">{brief}</span>'
+MARK = '<span style="cursor: help; font-size: .875rem" title="{why}">{brief}</span>'
 CONTAINS = (
     "The file contains the recorded speeds and gaps of its windows. To share less, send the"
     " parameter card (Train, Export) or a report without curves."
@@ -292,10 +292,10 @@ def _verify_button(
         st.caption("Not verified: a stopped training cannot be run again.", width="content")
         return
     label = "Verify"
-    if checked and recording and not checked.has_recording:
+    if checked and not any(check.cure == "--refit" for check in checked.unchecked):
+        if recording is None or checked.has_recording:
+            return
         label = "Verify against the recording"
-    elif checked:
-        return
     seconds = sum(map(refit_seconds, (snapshot, *snapshot.compared)))
     about = f", about {show.format_duration(seconds)}" if seconds else ""
     st.button(
