@@ -320,7 +320,8 @@ def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -
                 yanchor="middle",
             )  # fmt: skip
             return
-    chart.words("nothing here is L₂ stable", 0.5, 0.9, xanchor="center")
+    if not (region.l2.lower < top).any():
+        chart.words("nothing here is L₂ stable", 0.5, 0.9, xanchor="center")
 
 
 def held_text(vehicle: Parameters, plane: Plane) -> str:
