@@ -73,6 +73,8 @@ CHANGES = np.array([-4, -2, -1.5, -1, -0.7, -0.4, -0.2, 0, 0.2, 0.4, 0.7, 1, 1.5
 """Changes of all time gaps in s between which that of a platoon is looked for."""
 HALVINGS = 14
 """Of such an interval: to a ten-thousandth of it."""
+SLOWEST = 1e-6
+"""Least frequency of a vehicle in rad/s that is taken, where none reacts."""
 ALONG = 120
 """Frequencies at which a platoon's gain is taken."""
 
@@ -536,7 +538,8 @@ def _platoon_distance(parameters: Parameters) -> FloatArray:
     tau, silent = np.where(alpha > 0, tau, 0.0), (alpha == 0) & (beta == 0)
     top = BEYOND * np.sqrt(beta**2 + 2.0 * alpha).max(axis=1)
     slow = np.sqrt(np.where(alpha > 0, alpha, np.inf)).min(axis=1)
-    slow = np.minimum(np.where(np.isfinite(slow), slow, 1.0), top)
+    slow = np.maximum(np.minimum(np.where(np.isfinite(slow), slow, 1.0), top), SLOWEST)
+    top = np.maximum(top, slow)
     late = delay.max(axis=1)
     top = np.where(late > 0, np.maximum(top, np.pi / np.where(late > 0, late, 1.0)), top)
     omega = slow[:, None] / 100.0 * (100.0 * top / slow)[:, None] ** np.linspace(0, 1, ALONG)

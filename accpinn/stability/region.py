@@ -35,6 +35,8 @@ COLUMNS, LATE_COLUMNS = 240, 80
 """Columns of a plane without a lag or a delay, and with one."""
 LEAST = 1e-3
 """The first column, as a share of the last; nothing is known at zero."""
+ABOVE = 1.3
+"""Height up to which boundaries are followed, so that they leave a plane at its edge."""
 ROWS, LINF_ROWS = 32, 18
 """Rows of the coarse grid by each norm."""
 HALVINGS, LINF_HALVINGS = 12, 7
@@ -110,14 +112,15 @@ def _late(
             stable[rows] = exact_margin(_at(vehicle, plane, x[rows], y[rows])) >= 0
         return stable
 
-    up = np.tile(np.linspace(top / ROWS, top, ROWS), (len(across), 1))
+    up = np.tile(np.linspace(top / ROWS, ABOVE * top, ROWS), (len(across), 1))
     if plane == "gains":
         l2 = _ends(is_l2, across, up, HALVINGS)
     else:
         least, most = l2_headways(_at(vehicle, plane, across, across))
         l2 = Limits(np.where(np.isfinite(least), least, np.nan), most)
     # Where L₂ is, and most closely where it begins.
-    few, begin, end = across[1::2], l2.lower[1::2], np.minimum(l2.upper[1::2], top)
+    few, begin = across[1::2], l2.lower[1::2]
+    end = np.minimum(l2.upper[1::2], ABOVE * top)
     shares = np.linspace(0.0, 1.0, LINF_ROWS) ** 1.5
     inside = begin[:, None] + (end - begin)[:, None] * shares
     linf = _ends(is_linf, few, np.nan_to_num(inside), LINF_HALVINGS)

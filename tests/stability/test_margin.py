@@ -166,6 +166,7 @@ def test_the_platoon_is_weakly_stable_from_its_margin_on(delay: float) -> None:
         report = stability_report(Parameters.of(moved))
         assert report.platoon.l2_weak.stable is is_stable
     assert margins(AUDI, 20.0).platoon is None
+    assert margins(row(NO_REACTION, NO_REACTION), 20.0).platoon.value == inf
     assert margins(row(NO_REACTION, AUDI), 20.0).platoon.value == inf
 
 

@@ -26,6 +26,7 @@ from accpinn.results.report import training_pictures
 from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
+from accpinn.stability import stability_report
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load, to_bytes
 from tests.support.command import STUDY, Capture, document
@@ -104,6 +105,25 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
     slower = FOLLOWING["idm"].linearised(result.parameters.nonlinear[0], 15.0)
     np.testing.assert_allclose(at_speed.vehicles.parameters.complete[0], slower.complete)
     assert at_speed.uncertainty.probability_l2.shape == (1,)
+
+
+def test_the_margin_is_that_of_the_linearisation_at_the_speed(folder: Path) -> None:
+    result = idm_result(folder)
+    model, theta = FOLLOWING["idm"], result.parameters.own[0]
+    for speed in (15.0, 25.0):
+        (found,) = result.margin(speed).vehicles
+        near = model.linearised(theta, speed)
+        (said,) = stability_report(near[None]).vehicles
+        assert found.time_gap.value == pytest.approx(near.tau + near.s0 / speed)
+        assert found.l2.distance.value == pytest.approx(near.tau - said.smallest_tau.l2)
+        assert found.l2.distance.lower < found.l2.distance.upper
+        there = known_vehicles(result).at_speed(speed).margins.vehicles[0]
+        assert there.l2.distance.value == pytest.approx(found.l2.distance.value)
+    (own,) = result.margin().vehicles
+    assert own == known_vehicles(result).margins.vehicles[0]
+    for speed in (0.0, -3.0, np.nan, 200.0):
+        with pytest.raises(ParameterError):
+            result.margin(speed)
 
 
 def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> None:

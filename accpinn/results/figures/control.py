@@ -27,6 +27,8 @@ HEIGHT = 320
 """Height of poles and responses, in pixels."""
 MOST_RADII = 1.3
 """Radius of the map of poles, in natural frequencies of the fastest rightmost one, at most."""
+FARTHEST = 2.0
+"""Farthest zero in sight, in the same."""
 DAMPINGS = (0.4, 0.7)
 """Damping ratios whose rays are drawn."""
 SETTLED = 0.02
@@ -46,9 +48,10 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     vehicles, paints = subject.vehicles, colours(subject.vehicles)
     chart = style.Chart("pole-map", height, hoverdistance=40)
     every = subject.modes
-    decisive = [float(abs(pole)) for m in every for pole in m.poles[:2] if np.isfinite(pole)]
-    fast = max((float(m.natural_frequency) for m in every if m.natural_frequency > 0), default=0.3)
-    radius = 1.25 * min(max([*decisive, 0.1]), MOST_RADII * fast)
+    fast = max((m.natural_frequency for m in every if m.natural_frequency > 0), default=0.3)
+    seen = [min(float(abs(pole)), MOST_RADII * fast) for m in every for pole in m.poles[:2]]
+    zeros = [float(abs(zero)) for m in every for zero in m.zeros]
+    radius = 1.25 * max([*seen, *(zero for zero in zeros if zero <= FARTHEST * fast), 0.1])
     upper = [abs(m.poles[0].imag) for m in every if len(m.poles)]
     height_seen = max(1.25 * max(upper, default=0.0), 0.4 * radius)
     chart.area("x", 0.0, radius, L2_UNSTABLE)

@@ -264,7 +264,7 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
     )
     kept, (first, second) = vehicles.parameters[held], AXES[plane]
     x, y = (vehicles.parameters.complete[:, place] for place in (first, second))
-    right, top = _edge(x, first, kept), _edge(y, second, kept)
+    right, top = _right(x, first), _top(y, second, kept)
     region = stable_region(kept, plane, right, top)
     if uncertainty:
         _draw_clouds(chart, vehicles, uncertainty, plane)
@@ -280,7 +280,10 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
         if (limits.upper < 2 * top).any():
             hover = f"{name}: stable up to {up.symbol} = %{{y:.3g}} {up.unit}<extra></extra>"
             high = np.where(limits.upper < 2 * top, limits.upper, np.nan)
-            chart.line(region.across, high, name, colour, 2, dash, hover=hover)
+            chart.line(
+                region.across, high, f"{name}, largest", colour, 2, dash, hover=hover,
+                showlegend=False,
+            )  # fmt: skip
     chart.dots(
         x, y, hover="%{text}<extra></extra>",
         text=[
@@ -317,6 +320,8 @@ def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -
                 yanchor="middle",
             )  # fmt: skip
             return
+    if not (region.l2.lower < top).any():
+        chart.words("nothing here is L₂ stable", 0.5, 0.9, xanchor="center")
 
 
 def held_text(vehicle: Parameters, plane: Plane) -> str:
@@ -331,19 +336,26 @@ def held_text(vehicle: Parameters, plane: Plane) -> str:
     )
 
 
-def _edge(values: FloatArray, place: int, held: Parameters) -> float:
-    """The end of a map's axis of α, β or τ: beyond all vehicles, and what the held one needs."""
-    most = float(values[np.isfinite(values)].max(initial=0.0))
-    if place == 0:
-        return max(1.35 * most, 0.15)
+def _right(values: FloatArray, place: int) -> float:
+    """The right end of a map's axis of α or β, beyond all vehicles."""
+    return max(1.35 * _most(values), (0.15, 0.6)[place])
+
+
+def _top(values: FloatArray, place: int, held: Parameters) -> float:
+    """The upper end of a map's axis of β or τ: beyond all vehicles, and what the held one needs."""
+    most = _most(values)
     if place == 1:
         needed = float(smallest_beta_l2(np.array(held.alpha), held.tau)) if held.tau > 0 else 0.0
-        return max(1.35 * most, 0.6, min(1.25 * needed, 3.0 * most))
+        return max(_right(values, place), min(1.25 * needed, 3.0 * most))
     needed = float(l2_headways(held[None]).smallest[0])
     if held.alpha and not is_lagged(held):
         needed = float(smallest_headway_exact(held))
     wanted = max(most, needed if np.isfinite(needed) else 0.0, 2.0)
     return float(min(1.2 * wanted, max(12.0, 1.2 * most)))
+
+
+def _most(values: FloatArray) -> float:
+    return float(values[np.isfinite(values)].max(initial=0.0))
 
 
 def _draw_regions(chart: style.Chart, region: Region, top: float) -> None:
