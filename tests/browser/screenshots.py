@@ -18,6 +18,7 @@ from tests.browser.running import (
     TRAINING_MS,
     chart,
     choose,
+    crowded,
     fill,
     give,
     idle,
@@ -88,8 +89,9 @@ OF_REAL_RECORDINGS = {
                "shoot stability_casale", "to Platoon",
                "choose Disturbance of the leader = As recorded", "shoot platoon_casale"),
     "astazero": ("/Data", "file AstaZero/ASta_040719_platoon5.csv", "tick One window",
-                 "fill Window starts at = 320", "press Train on this window", "wait Next: string stability", "to Stability",
-                 "tab Measured", "shoot stability_astazero", "to Platoon",
+                 "fill Window starts at = 320", "press Train on this window",
+                 "wait Next: string stability", "to Stability", "tab Measured",
+                 "shoot stability_astazero", "to Platoon",
                  "choose Disturbance of the leader = As recorded", "shoot platoon_astazero"),
     "reproduced": ("/Reproduce", "press Reproduce all", "wait done", "fold reproduce_running",
                    "wait Reproduce all", "tour reproduced"),
@@ -111,6 +113,8 @@ class Camera:
         """Keep what the page shows at first."""
         self.page.wait_for_function(DRAWN)
         self.page.wait_for_timeout(SETTLE_MS)
+        for fault in crowded(self.page):
+            print(f"{name}, {self.theme}, {self.width}: {fault}")
         self.page.screenshot(path=self.folder / f"{name}_{self.theme}_{self.width}.png")
 
     def shoot(self, name: str) -> None:

@@ -52,7 +52,7 @@ class _Course(style.Chart):
 
     def __init__(self, history: History, title: str, key: str) -> None:
         head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-        margin = {"l": 62, "r": 14, "t": 34, "b": 42}
+        margin = {"l": 62, "r": 14, "t": 34, "b": 46}
         super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
         self.axis("x", "Iteration")
         is_long = history.iteration.max(initial=0) >= LONG
@@ -94,7 +94,8 @@ def loss_history(history: History) -> go.Figure:
         chart.course(rising, "log likelihood", style.MODEL, hover="%{y:.4g}", showlegend=False)
         top = float(np.nanmax(rising, initial=0.0))
         span = max(VISIBLE, top - float(np.nanmin(rising, initial=0.0)))
-        chart.axis("y", "Log likelihood minus its last value", exponentformat="none",
+        chart.axis("y", "Minus its last value", exponentformat="none",
+                   tickformatstops=[{"dtickrange": [1000, None], "value": "~s"}],
                    range=[top - 1.05 * span, top + 0.05 * span])  # fmt: skip
         return chart.figure()
     terms = (

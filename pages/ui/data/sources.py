@@ -145,7 +145,8 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
         "data_upload",
         took,
         help="CSV, Excel, Parquet or SUMO XML, also as .gz. OpenACC: columns Time, Speed1, Speed2,"
-        " .. in m/s and IVS1, .. in m, below five rows of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
+        " .. in m/s and IVS1, .. in m, below five rows of metadata. Tables of leader-follower pairs"
+        " (ULTra-AV) are read as they are; of any"
         " other table you see first how its columns are understood. A recording is kept in memory"
         " alone.",
     )
