@@ -29,7 +29,13 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import resources, sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
+from pages.ui.session.resources import (
+    FIRST_SAMPLE,
+    SAMPLES,
+    library,
+    store,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
@@ -322,6 +328,20 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(PAGES["Home"]).run()
     assert "**Recording**" in page.texts(), "Home stays open"
+
+
+def test_several_files_of_one_drop_are_all_open_and_the_first_is_shown() -> None:
+    page, other = open_page("Home"), csv(platoon(vehicles=3), metadata(("A", "B", "C")))
+    for name, content in (("a.csv", PAIR), ("b.csv", other), ("c.csv", b"x")):
+        page.file_uploader(key="data_upload").upload(name, content, "text/csv")
+    session = page.sound().workspace()
+    assert session.recording.source == "a.csv"
+    assert {one.source for one in session.opened.values()} == {"a.csv", "b.csv"}
+    page = open_page("Data", session)
+    page.session_state[OPENING] = True
+    (key,) = (key for key in page.sound().buttons if key.startswith("data_opened_"))
+    page.press(key)
+    assert session.recording.source == "b.csv"
 
 
 def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
@@ -700,6 +720,25 @@ def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() ->
     session.undo()
     assert session.training is job, "nor is it run twice"
     stop_tasks(session)
+
+
+def test_a_result_that_was_saved_is_one_row_of_mine_under_its_name() -> None:
+    session = fitted()
+    run = session.result.analysis.key
+
+    def rows() -> dict[str, str]:
+        page = open_page("Home", session)
+        return {
+            str(button.key).removeprefix("home_runs_open_"): read(button.label)
+            for button in page.button
+            if button.key and button.key.startswith("home_runs_open_")
+        }
+
+    assert rows() == {run: PLATOON.name}
+    saved = library().add(session.as_snapshot("Before the update"), session.owner)
+    assert rows() == {run: "Before the update"}
+    store().path(run).unlink()
+    assert rows() == {saved: "Before the update"}
 
 
 def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:
