@@ -279,7 +279,7 @@ def amplitude_by_vehicle(
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
     chart = style.Chart(
         "platoon-amplitude", 380, showlegend=bool(wave or recorded) or collided,
-        legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 46},
+        legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 49},
     )  # fmt: skip
     if wave:
         hover = f"predicted %{{y:.3f}} {unit}<extra></extra>"

@@ -111,7 +111,7 @@ def overview(
         f"overview-{recording.sha256}", round(sum(pixels)) + 50,
         style.stack(*pixels, spacing=0.03), CHANNELS[view], selectdirection="h",
         dragmode=False if several else "select",
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 22 if several else 6, "b": 46},
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 22 if several else 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, recording.duration])
     chart.axis("y*", fixedrange=True)
@@ -201,7 +201,7 @@ def beginning(recording: Recording) -> go.Figure:
     rows = recording.rows(Window(0.0, end))
     chart = style.Chart(
         f"beginning-{recording.digest}", 250, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 46},
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, end])
     chart.axis("y*", fixedrange=True)

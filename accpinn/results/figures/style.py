@@ -50,7 +50,7 @@ POINTS = 1500
 AXIS: Part = {"gridcolor": GRID, "automargin": False, "zeroline": False, "showline": False}
 """Every axis. Margins are fixed: with those that follow the labels a chart is laid out twice."""
 
-STANDOFF = {"x": 4, "y": 5}
+STANDOFF = {"x": 7, "y": 5}
 """Pixels between an axis' tick labels and its title; without it plotly takes all labels to be
 short."""
 PADDING = {"pad": 0}
@@ -166,7 +166,7 @@ class Chart:
         if channels:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
         hovermode = "x unified" if channels else "closest"
-        margin = {"l": 62, "r": 14, "t": 10, "b": 46} | layout.pop("margin", {})
+        margin = {"l": 62, "r": 14, "t": 10, "b": 49} | layout.pop("margin", {})
         self._layout = {
             "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
             "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": margin | PADDING, **layout,

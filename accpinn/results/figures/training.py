@@ -52,7 +52,7 @@ class _Course(style.Chart):
 
     def __init__(self, history: History, title: str, key: str) -> None:
         head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-        margin = {"l": 62, "r": 14, "t": 34, "b": 46}
+        margin = {"l": 62, "r": 14, "t": 34, "b": 49}
         super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
         self.axis("x", "Iteration")
         is_long = history.iteration.max(initial=0) >= LONG
