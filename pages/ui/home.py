@@ -23,6 +23,8 @@ from pages.ui.snapshots.listing import show_runs
 
 CARDS = 5
 """In a row."""
+IN_SIDEBAR = ("**Window**", "**Without**")
+"""How lines of the session's state begin that the sidebar alone says."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -63,7 +65,8 @@ def _show_open(workspace: Workspace) -> None:
     """What this session has open, and the way back to it."""
     has_result = bool(workspace.training or workspace.restored)
     with st.container(horizontal=True, vertical_alignment="center", key="home_open"):
-        said = " · ".join(frame.session_state(workspace))
+        brief = (line for line in frame.session_state(workspace) if not line.startswith(IN_SIDEBAR))
+        said = " · ".join(brief)
         st.markdown(f":material/folder_open: {said}", width="content")
         label = "Back to the result" if has_result else "Back to the recording"
         frame.link(frame.TRAIN if has_result else frame.DATA, label, workspace)

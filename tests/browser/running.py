@@ -128,6 +128,40 @@ def words(page: Page, is_fold: bool = False) -> list[str]:
     return list(page.evaluate(WORDS, is_fold))
 
 
+CROWDED = """() => {
+  const found = [];
+  const meets = (a, b, room) => a.left < b.right + room && b.left < a.right + room
+    && a.top < b.bottom + room && b.top < a.bottom + room;
+  for (const chart of document.querySelectorAll(".js-plotly-plot")) {
+    if (!chart.checkVisibility({ visibilityProperty: true })) continue;
+    const key = chart.closest("[class*=st-key-]")?.className.match(/st-key-(\\S+)/)?.[1];
+    const frame = chart.querySelector(".main-svg").getBoundingClientRect();
+    if (!frame.width) continue;
+    const boxes = (selector) => [...chart.querySelectorAll(selector)]
+      .map((text) => [text.textContent, text.getBoundingClientRect()])
+      .filter(([, box]) => box.width && box.height);
+    const titles = boxes(".infolayer [class*=title] text, .infolayer text[class*=title]");
+    const labels = boxes(".xtick text, .ytick text, [class$=tick] text");
+    titles.forEach(([name, title], k) => {
+      for (const [label, box] of labels)
+        if (meets(title, box, 0.5)) found.push(`${key}: "${name}" meets the tick "${label}"`);
+      for (const [other, box] of titles.slice(k + 1))
+        if (meets(title, box, 0)) found.push(`${key}: "${name}" meets "${other}"`);
+      if (title.left < frame.left - 1 || title.right > frame.right + 1
+          || title.top < frame.top - 1 || title.bottom > frame.bottom + 1)
+        found.push(`${key}: "${name}" is cut off`);
+    });
+  }
+  return found;
+}"""
+"""Titles of charts and axes that meet tick labels or each other, or stand out of their chart."""
+
+
+def crowded(page: Page) -> list[str]:
+    """What meets or is cut off in the charts that the page shows, each once."""
+    return list(dict.fromkeys(page.evaluate(CROWDED)))
+
+
 def go(page: Page, title: str) -> None:
     """To another page by the sidebar."""
     page.get_by_test_id("stSidebar").get_by_role("link", name=title, exact=True).click()

@@ -18,6 +18,7 @@ from tests.browser.running import (
     TRAINING_MS,
     chart,
     choose,
+    crowded,
     fill,
     give,
     idle,
@@ -124,6 +125,8 @@ class Camera:
         """Keep what the page shows at first."""
         self.page.wait_for_function(DRAWN)
         self.page.wait_for_timeout(SETTLE_MS)
+        for fault in crowded(self.page):
+            print(f"{name}, {self.theme}, {self.width}: {fault}")
         self.page.screenshot(path=self.folder / f"{name}_{self.theme}_{self.width}.png")
 
     def shoot(self, name: str) -> None:

@@ -19,6 +19,7 @@ from tests.browser.running import (
     TRAINING_MS,
     chart,
     choose,
+    crowded,
     downloaded,
     estimate,
     exceptions,
@@ -95,7 +96,7 @@ def violations(page: Page, **options: Any) -> list[str]:
 def cut_off(page: Page) -> list[str]:
     """Controls that stand out of a page's sides on a telephone; a row of tabs scrolls."""
     page.set_viewport_size({"width": 420, "height": 900})
-    found = page.get_by_test_id("stMain").evaluate(OUTSIDE)
+    found = page.get_by_test_id("stMain").evaluate(OUTSIDE) + crowded(page)
     page.set_viewport_size({"width": 1440, "height": 1000})
     return found
 
@@ -104,7 +105,7 @@ def look(page: Page) -> None:
     """The page has no serious violation in either theme, is not too tall, cut off or scripted."""
     idle(page)
     assert page.get_by_test_id("stMainBlockContainer").bounding_box()["height"] <= TALLEST
-    found = violations(page)
+    found = violations(page) + crowded(page)
     page.emulate_media(color_scheme="dark")
     # Of the dark theme the colours alone are others.
     found += [*violations(page, runOnly=["color-contrast"]), *cut_off(page)]

@@ -21,15 +21,21 @@ CASALE = "Casale/part7.csv"
 LONGEST_MS = 3 * TRAINING_MS
 
 
-def require_few(counts: dict[str, tuple[int, int]]) -> None:
-    """Words on the fold and on the page, by the page's name."""
+Counts = dict[str, tuple[int, int]]
+"""Words of the fold and of the page, by its title."""
+
+
+def require_few(counts: Counts) -> None:
+    """Refuse a page with too many words."""
     for name, (fold, whole) in counts.items():
         assert 0 < fold <= FOLD, (name, fold)
         assert fold <= whole <= PAGE, (name, whole)
 
 
-def trained(page: Page, file: str) -> None:
+def trained(page: Page, file: str, counts: Counts | None = None) -> None:
     """A training of the sample, or of the windows of a real recording."""
+    if counts is not None:
+        counts["at first"] = len(words(page, is_fold=True)), len(words(page))
     if file:
         upload(page, Path(REAL or "") / file)
         page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).click()
@@ -49,8 +55,16 @@ def trained(page: Page, file: str) -> None:
 def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
     page = opened(start)
     page.set_viewport_size({"width": 1440, "height": 900})
-    trained(page, file)
-    counts = {}
+    counts: Counts = {}
+    trained(page, file, counts)
+    for title in ("Home", "Data"):
+        go(page, title)
+        shown = page.locator(".runs .strip-row").first if title == "Home" else (
+            page.locator(".js-plotly-plot").first
+        )  # fmt: skip
+        expect(shown).to_be_visible()
+        idle(page)
+        counts[title] = len(words(page, is_fold=True)), len(words(page))
     for title in ("Train", "Stability", "Platoon"):
         go(page, title)
         expect(page.locator(".strip-row[data-row]").first).to_be_visible()

@@ -33,7 +33,13 @@ from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
 from pages.ui.reproduction import runs_of
 from pages.ui.session import resources, sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
+from pages.ui.session.resources import (
+    FIRST_SAMPLE,
+    SAMPLES,
+    library,
+    store,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
@@ -210,7 +216,9 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
     page = open_page("Data").choose("data_sample", PLATOON).press("Open this sample")
-    session, before = page.workspace(), page.texts()
+    session = page.workspace()
+    assert len(page.widget("data_windows_on").value) == len(session.several_windows) > 1
+    before = page.choose("data_which", "one").texts()
     session.preset = "fast"
     assert "Tesla (Model3-like)" in before
     (overview,) = page.figures()
@@ -322,12 +330,26 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert "The recording opened before is kept" in page.plain()
     assert (session.recording, session.segment) == before
-    assert "Preview of the window" in page.texts()
+    assert page.widget("data_windows_on")
     page.upload("mine.csv", PAIR)
     assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(PAGES["Home"]).run()
     assert "**Recording**" in page.texts(), "Home stays open"
+
+
+def test_several_files_of_one_drop_are_all_open_and_the_first_is_shown() -> None:
+    page, other = open_page("Home"), csv(platoon(vehicles=3), metadata(("A", "B", "C")))
+    for name, content in (("a.csv", PAIR), ("b.csv", other), ("c.csv", b"x")):
+        page.file_uploader(key="data_upload").upload(name, content, "text/csv")
+    session = page.sound().workspace()
+    assert session.recording.source == "a.csv"
+    assert {one.source for one in session.opened.values()} == {"a.csv", "b.csv"}
+    page = open_page("Data", session)
+    page.session_state[OPENING] = True
+    (key,) = (key for key in page.sound().buttons if key.startswith("data_opened_"))
+    page.press(key)
+    assert session.recording.source == "b.csv"
 
 
 def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
@@ -401,6 +423,28 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     assert suggested_name(session).endswith(str(second))
 
 
+def test_of_several_windows_all_are_shown_and_what_belongs_to_one_is_hidden() -> None:
+    session = with_sample()
+    page = open_page("Data", session)
+    first, second = session.several_windows
+    written = page.texts()
+    assert all(str(window).removesuffix(" s") in written for window in (first, second))
+    numbers = {box.key for box in page.number_input}
+    assert not any(key and key.startswith(("data_start", "data_length")) for key in numbers)
+    bands = page.figures()[0]["layout"]
+    assert [band["x1"] for band in bands["shapes"]] == [first.end, second.end]
+    assert bands["dragmode"] is False, "a slip of the hand changes nothing"
+    page.choose("data_windows_on", [second.start])
+    assert session.several_windows == (second,)
+    page.choose("data_windows_on", [])
+    assert session.several_windows == (second,), "the last one stays"
+    page.choose("data_windows_on", [first.start, second.start])
+    assert session.window_starts is None
+    page.choose("data_which", "one")
+    assert (session.several_windows, session.windows) == ((), (first,))
+    assert page.widget("data_start").value == first.start
+
+
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
     session = with_sample()
     assert len(session.several_windows) == 2
@@ -418,7 +462,7 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     arrays = ("time", "speed", "gap", "mode")
     shorter = {name: getattr(session.recording, name)[:-1] for name in arrays}
     session.open(replace(session.recording, **shorter))
-    page = open_page("Data", session)
+    page = open_page("Data", session).choose("data_which", "one")
     assert page.number_input(key="data_length").max == end
     page.choose("data_length", end)
     assert session.segment.window.duration == pytest.approx(end - 0.1)
@@ -773,6 +817,25 @@ def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() ->
     session.undo()
     assert session.training is job, "nor is it run twice"
     stop_tasks(session)
+
+
+def test_a_result_that_was_saved_is_one_row_of_mine_under_its_name() -> None:
+    session = fitted()
+    run = session.result.analysis.key
+
+    def rows() -> dict[str, str]:
+        page = open_page("Home", session)
+        return {
+            str(button.key).removeprefix("home_runs_open_"): read(button.label)
+            for button in page.button
+            if button.key and button.key.startswith("home_runs_open_")
+        }
+
+    assert rows() == {run: PLATOON.name}
+    saved = library().add(session.as_snapshot("Before the update"), session.owner)
+    assert rows() == {run: "Before the update"}
+    store().path(run).unlink()
+    assert rows() == {saved: "Before the update"}
 
 
 def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:

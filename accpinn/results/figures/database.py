@@ -154,7 +154,7 @@ def _mark_stability(chart: style.Chart, groups: Sequence[Group], names: Sequence
             textfont={"color": [TONES[verdict] for verdict in verdicts], "size": 15},
         )  # fmt: skip
     chart.axis("x3", "Stable<br>L₂ L∞", showticklabels=False, range=[-0.6, 1.6],
-               showgrid=False, standoff=22)  # fmt: skip
+               showgrid=False)  # fmt: skip
 
 
 def _mark_cut_ends(

@@ -111,10 +111,10 @@ def overview(
         f"overview-{recording.sha256}", round(sum(pixels)) + 50,
         style.stack(*pixels, spacing=0.03), CHANNELS[view], selectdirection="h",
         dragmode=False if several else "select",
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 22 if several else 6, "b": 44},
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 22 if several else 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, recording.duration])
-    chart.axis("y*", fixedrange=True, standoff=6)
+    chart.axis("y*", fixedrange=True)
     rows = several or (RatedWindow(0, window, is_used=True),)
     for row in rows:
         chart.shape(
@@ -201,10 +201,10 @@ def beginning(recording: Recording) -> go.Figure:
     rows = recording.rows(Window(0.0, end))
     chart = style.Chart(
         f"beginning-{recording.digest}", 250, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 40},
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, end])
-    chart.axis("y*", fixedrange=True, standoff=6)
+    chart.axis("y*", fixedrange=True)
     leader, *followers = recording.present
     for panel, number, values in _curves(recording, recording.present, "motion"):
         chart.line(

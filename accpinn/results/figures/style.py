@@ -53,6 +53,12 @@ POINTS = 1500
 AXIS: Part = {"gridcolor": GRID, "automargin": False, "zeroline": False, "showline": False}
 """Every axis. Margins are fixed: with those that follow the labels a chart is laid out twice."""
 
+STANDOFF = {"x": 7, "y": 5}
+"""Pixels between an axis' tick labels and its title; without it plotly takes all labels to be
+short."""
+PADDING = {"pad": 0}
+"""Room between a panel and its tick labels, which plotly forgets where it places titles."""
+
 
 def vehicle_colour(number: int, leader: int) -> str:
     """The colour of a vehicle, by its number in the file; the platoon's leader has its own.
@@ -165,19 +171,18 @@ class Chart:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
         self._has_channels = bool(channels)
         hovermode = "x unified" if channels else "closest"
+        margin = {"l": 62, "r": 14, "t": 10, "b": 49} | layout.pop("margin", {})
         self._layout = {
             "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
-            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
-            "margin": {"l": 62, "r": 14, "t": 10, "b": 42}, **layout,
+            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": margin | PADDING, **layout,
         }  # fmt: skip
 
-    def axis(self, name: str, title: str = "", standoff: float = 0.0, **look: Any) -> None:
+    def axis(self, name: str, title: str = "", **look: Any) -> None:
         """Set the title and look of an axis; "x" or "y" with a star sets those of all panels."""
         names = [n for n in self._axes if n[0] == name[0]] if name[1:] == "*" else [_axis(name)]
         for one in names:
             part = self._axes.setdefault(one, dict(AXIS))
-            about: Part = {"text": title} if title else {}
-            about |= {"standoff": standoff} if standoff else {}
+            about: Part = {"text": title, "standoff": STANDOFF[one[0]]} if title else {}
             part.update(look, title=part.get("title", {}) | about)
 
     def add(self, x: Any, y: Any, name: str = "", panel: int = 0, **look: Any) -> None:

@@ -89,7 +89,7 @@ def course(
     marks = _loss(chart, history, at)
     for panel, name in enumerate(names, 2):
         marks += _parameter(chart, panel, history, at, name, segment, truth, model)
-    chart.axis("y*", nticks=4, standoff=2)
+    chart.axis("y*", nticks=4)
     if moment is not None:
         for panel in range(1, len(names) + 2):
             chart.level(f"x{panel}", float(at[moment]), MARK_LINE, "below")

@@ -85,8 +85,8 @@ _STATUS = {
 
 _LEFT = _STATUS | {
     Status.QUEUED: "waits for its turn",
-    Status.RUNNING: "goes on; its result will be among your runs",
-    Status.DONE: "is done; its result is among your runs",
+    Status.RUNNING: "goes on; its result will be on Home",
+    Status.DONE: "is done; its result is on Home",
 }
 """The same of one that was left."""
 _LEFT_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",

@@ -283,6 +283,23 @@ def upload(label: str, key: str, took: Callable[[str, bytes], object], **look: A
     st.file_uploader(label, key=key, on_change=arrived, **look)
 
 
+def upload_several(label: str, key: str, took: Callable[[list[tuple[str, bytes]]], object],
+                   **look: Any) -> None:  # fmt: skip
+    """A field for files; ``took`` gets the names and contents of those that arrive together.
+
+    The field goes on to hold the files that arrived before.
+    """
+
+    def arrived() -> None:
+        before = st.session_state.setdefault(f"{key}_seen", set())
+        new = [file for file in st.session_state[key] or () if file.file_id not in before]
+        before.update(file.file_id for file in new)
+        if new:
+            took([(file.name, file.getvalue()) for file in new])
+
+    st.file_uploader(label, key=key, on_change=arrived, accept_multiple_files=True, **look)
+
+
 def choose_speed(
     workspace: Workspace, key: str, usual: MetresPerSecond, help: str
 ) -> MetresPerSecond:

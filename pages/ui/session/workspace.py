@@ -334,6 +334,13 @@ class Workspace:
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
 
+    def remember_beside(self, recording: Recording) -> None:
+        """The same of one that is not shown; the recording that is shown stays the latest."""
+        self.remember(recording)
+        if self.recording:
+            self.opened.pop(self.recording.sha256, None)
+            self.remember(self.recording)
+
     def restore(self, result: Result, recording: Recording | None = None) -> None:
         """Show a result on every page.
 

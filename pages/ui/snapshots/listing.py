@@ -36,7 +36,7 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
 """Colour of the second result's curves; the first one's is that of every simulation."""
-LISTED, FEW = 20, 5
+LISTED, FEW = 20, 4
 """Rows at most, and where a list is not all of a page; a search finds the others."""
 WIDTHS = (2.1, 4.4, 0.9)
 """Widths of a row's cells: name and data, estimates and time, what can be done with it."""

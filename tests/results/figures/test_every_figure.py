@@ -50,7 +50,7 @@ RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0)
 WITHOUT_UNIT = {
     "Iteration",
     "Loss",
-    "Log likelihood minus its last value",
+    "Minus its last value",
     "Gain",
     "Coherence",
     "Correlation",
