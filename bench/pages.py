@@ -22,7 +22,7 @@ PAGES = {
     "Data": "data_overview",
     "Train": "train_tracking",
     "Stability": "stability_bode",
-    "Platoon": "platoon_amplitude",
+    "Platoon": "platoon_growth",
     "Snapshots": "",
 }
 """Pages and the key of the chart that is waited for; empty if the page has none."""

@@ -232,6 +232,8 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
     assert against.is_contradicted
     assert against.trust == f"{against.against} {result.trust[0].in_words}"
     assert any(check.short in said for said in on_estimate.contradictions(doubted))
+    assert any(check.short in said for said in on_estimate.contradictions(doubted, [0, 0]))
+    assert not any(check.short in said for said in on_estimate.contradictions(doubted, [1]))
 
 
 def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them() -> None:

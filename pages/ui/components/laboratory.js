@@ -46,9 +46,10 @@ class Laboratory {
 
   // New data from Python; what the user has moved since it was asked for stays.
   take(data, report) {
+    const is_other = String(this.data?.omega) !== String(data.omega);
     this.data = data;
     this.report = report;
-    if (this.pending === data.index) this.pending = this.told = undefined;
+    if (is_other || this.pending === data.index) this.pending = this.told = undefined;
     this.at = Math.min(this.pending ?? data.index, data.omega.length - 1);
     this.slider.max = data.omega.length - 1;
     this.svg.style.height = `${data.height}px`;
