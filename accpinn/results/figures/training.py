@@ -126,6 +126,14 @@ def _line(
 
 def _loss(chart: style.Chart, history: History, at: FloatArray) -> Marks:
     """The terms of the loss, or the log likelihood where that is maximised, in the first panel."""
+    if not np.isfinite(history.data).any() and history.log_likelihood is None:
+        # The objective of a simulation is no sum of squares, and may be below zero.
+        falling = history.total - history.total[-1]
+        _line(chart, 1, at, falling, "objective", style.MODEL, hover="%{y:.4g}",
+              showlegend=False)  # fmt: skip
+        limits = style.limits(falling) or None
+        chart.axis("y1", "Objective − last", tickformat="~s", range=limits)
+        return [(1, falling, style.MODEL)]
     if history.log_likelihood is not None:
         rising = history.log_likelihood - history.log_likelihood[-1]
         _line(chart, 1, at, rising, "log likelihood", style.MODEL, hover="%{y:.4g}",
