@@ -27,7 +27,7 @@ DRAWING_SHARE = 0.1
 """Most of the time that drawing takes."""
 PRIOR = 0.05
 """Share of a phase that its typical time counts for beside the time that it takes."""
-BEGINNING: Seconds = 0.2
+BEGINNING: Seconds = 0.05
 """Time that the typical speed counts for beside the speed of this computer."""
 LAST, LEAST = 0.4, 2.0
 """Share of the present phase, and the least time in s, from which its rate is taken: the computer
