@@ -155,7 +155,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     assert rows(page, ESTIMATES)[0] == learned
     look(page)
     open_tab(page, "Training")
-    expect(page.locator(".js-plotly-plot")).to_have_count(7)
+    expect(page.locator(".js-plotly-plot")).to_have_count(3)
     page.get_by_role("button", name="Next: string stability").click()
     expect(page.locator(".strip-mark.unstable[data-name=L₂]")).to_have_count(2)
     expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
