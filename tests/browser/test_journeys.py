@@ -33,7 +33,9 @@ from tests.browser.running import (
     table,
     upload,
     watched,
+    words,
 )
+from tests.browser.test_words import FOLD, PAGE
 from tests.support import own_tables
 from tests.support.openacc_files import csv, metadata, platoon
 from tests.support.samples import FOLDER, frame
@@ -60,6 +62,11 @@ def test_what_goes_wrong_on_a_page_is_noticed(browser: Browser) -> None:
 
 # Every page: also for those who cannot see it as it is drawn, or not all of it
 
+LIVE_NETWORK = """() => [...document.querySelectorAll('.st-key-train_live_curves *')]
+    .filter(chart => chart.data?.some?.(line => line.name === 'network'))
+    .map(chart => chart.getBoundingClientRect())
+    .find(box => box.height)"""
+"""Where the network's curves are on the page while it trains."""
 SERIOUS = ("serious", "critical")
 TALLEST = 2400
 """Pixels of a page at a width of 1440."""
@@ -149,7 +156,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     assert rows(page, ESTIMATES)[0] == learned
     look(page)
     open_tab(page, "Training")
-    expect(page.locator(".js-plotly-plot")).to_have_count(7)
+    expect(page.locator(".js-plotly-plot")).to_have_count(3)
     page.get_by_role("button", name="Next: string stability").click()
     expect(page.locator(".strip-mark.unstable[data-name=L₂]")).to_have_count(2)
     expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
@@ -247,6 +254,28 @@ def test_an_address_in_a_name_is_no_link(opened: Open) -> None:
         idle(page)
         expect(page.get_by_text("evil.org").first).to_be_visible()
         expect(page.locator("a[href*=evil]")).to_have_count(0)
+
+
+def test_the_network_bends_into_the_data_on_the_first_screen_soon_after_the_start(
+    opened: Open,
+) -> None:
+    page = opened("/Data")
+    page.get_by_role("button", name="Open this sample").click()
+    page.get_by_text("Preview of the window").wait_for()
+    go(page, "Train")
+    page.get_by_text("Paper", exact=True).click()
+    idle(page)
+    live = page.locator(".st-key-train_live_curves .js-plotly-plot")
+    expect(live).to_have_count(1)
+    page.get_by_role("button", name="Start training").click()
+    box = page.wait_for_function(LIVE_NETWORK).json_value()
+    expect(page.get_by_text(re.compile(r"Adam · iteration .* left"))).to_be_visible()
+    assert box["bottom"] < 1000
+    assert box["width"] > 0.5 * page.get_by_test_id("stMainBlockContainer").bounding_box()["width"]
+    assert len(words(page, is_fold=True)) <= FOLD
+    assert len(words(page)) <= PAGE
+    page.get_by_role("button", name="Stop training").click()
+    page.get_by_role("button", name=re.compile("Continue from")).wait_for(timeout=TRAINING_MS)
 
 
 def test_a_window_is_dragged_twice_and_all_methods_on_it_run_stop_and_survive_a_reload(

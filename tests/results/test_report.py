@@ -124,7 +124,7 @@ def test_without_curves_no_series_is_in_the_page() -> None:
     drawn = drawings(page)
     names = [drawing["name"] for drawing in drawn]
     assert not [name for name in names if name == "motion" or name.startswith("curves")]
-    assert {"bode", "loss"} <= {*names}
+    assert {"bode", "course"} <= {*names}
     traces = {str(trace.get("name")) for drawing in drawn for trace in drawing["data"]}
     assert not {"data", "network", SIMULATION, "disturbance"} & traces
     measured = recommended().segments[0].measured.gaps[:, 0].astype(np.float32)

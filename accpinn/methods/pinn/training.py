@@ -319,7 +319,7 @@ def _phases(
             refining if config.lbfgs_iterations else {}
         )
     usual = spec.model == PAPER_MODEL
-    solving = 1e-6 * (samples + size) if usual else (3e-5 if model.is_late else 9e-6) * size
+    solving = 3e-3 + 7e-7 * (samples + size) if usual else (3e-5 if model.is_late else 9e-6) * size
     cycle = 0.2 + windows * (0.1 + 0.02 * followers) + 5 * solving
     return {
         "start": Phase(USUAL_ROUNDS[usual], solving),

@@ -33,6 +33,8 @@ COURSE_POINTS, MOMENTS = 400, 80
 """Points of a line of the course, and moments that can be chosen."""
 MARK, MARK_LINE = "chosen iteration", {"color": style.MODEL, "width": 1.5, "dash": "dot"}
 """Name of the points that mark a moment, and the line through them."""
+UNSOUGHT = 0.5
+"""Ends of the axis of a parameter that is zero throughout."""
 FEW = 30
 """Moments of a training up to which each is marked."""
 VISIBLE = 0.1
@@ -124,13 +126,21 @@ def _line(
 
 def _loss(chart: style.Chart, history: History, at: FloatArray) -> Marks:
     """The terms of the loss, or the log likelihood where that is maximised, in the first panel."""
+    if not np.isfinite(history.data).any() and history.log_likelihood is None:
+        # The objective of a simulation is no sum of squares, and may be below zero.
+        falling = history.total - history.total[-1]
+        _line(chart, 1, at, falling, "objective", style.MODEL, hover="%{y:.4g}",
+              showlegend=False)  # fmt: skip
+        limits = style.limits(falling) or None
+        chart.axis("y1", "Objective − last", tickformat="~s", range=limits)
+        return [(1, falling, style.MODEL)]
     if history.log_likelihood is not None:
         rising = history.log_likelihood - history.log_likelihood[-1]
         _line(chart, 1, at, rising, "log likelihood", style.MODEL, hover="%{y:.4g}",
               showlegend=False)  # fmt: skip
         top = float(np.nanmax(rising, initial=0.0))
         span = max(VISIBLE, top - float(np.nanmin(rising, initial=0.0)))
-        chart.axis("y1", "log L − last", exponentformat="none",
+        chart.axis("y1", "log L − last", tickformat="~s",
                    range=[top - 1.05 * span, top + 0.05 * span])  # fmt: skip
         return [(1, rising, style.MODEL)]
     terms = (
@@ -174,7 +184,10 @@ def _parameter(
         seen.append(value_of(model, truth, name)[:sets])
         for value, colour in zip(seen[-1].tolist(), colours, strict=False):
             chart.level(f"y{panel}", value, style.TRUTH | {"color": colour})
-    chart.axis(f"y{panel}", column.heading, range=style.limits(np.concatenate(seen)) or None)
+    limits = style.limits(np.concatenate(seen)) or None
+    if limits and not np.nan_to_num(np.concatenate(seen)).any():  # it is not sought yet
+        limits = [-UNSOUGHT, UNSOUGHT]
+    chart.axis(f"y{panel}", column.heading, range=limits)
     return [(panel, values[:, k], colour) for k, colour in enumerate(colours[:sets])]
 
 

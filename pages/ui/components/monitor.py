@@ -14,6 +14,8 @@ from pages.ui.session.sessions import sees_all
 
 UNITS = {INTERVALS: "window", VARIATION: "follower"}
 """What is counted in a phase; iterations in those that are not here, and nothing in others."""
+SOON = 0.3
+"""Seconds until the first look at a task that is about to start."""
 POLL = 1.0
 """Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
@@ -40,7 +42,8 @@ def monitor(
         draw(active)
 
     if active:
-        st.fragment(look, run_every=POLL)()
+        is_next = began is Status.QUEUED and not queue_of(task).ahead_of(task)
+        st.fragment(look, run_every=SOON if is_next else POLL)()
     else:
         look()
 

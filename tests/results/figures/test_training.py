@@ -51,8 +51,17 @@ def test_a_loss_that_is_unused_zero_or_infinite_is_omitted() -> None:
     figure = training.course(track, INFO)
     assert len(in_panel(figure, 1)) == 2
     assert np.isfinite(axis_of(figure, 1).range).all()
-    track.total[:] = track.data[:] = np.nan
+    track.total[:] = np.nan
+    track.data[:] = 0.0
     assert axis_of(training.course(track, INFO), 1).range is None
+
+
+def test_an_objective_below_zero_is_drawn_too() -> None:
+    track = history()
+    track.data[:] = track.physics[:] = track.initial[:] = np.nan
+    track = replace(track, total=np.linspace(300.0, -200.0, 40))
+    (line,) = in_panel(training.course(track, INFO), 1)
+    np.testing.assert_allclose(line.y, track.total + 200.0)
 
 
 def test_a_log_likelihood_stands_in_place_of_losses_and_bands_narrow() -> None:
