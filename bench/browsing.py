@@ -232,6 +232,8 @@ class Browser:
         if delta.WhichOneof("type") != "new_element":
             for inner in [other for other in self.elements if other[: len(place)] == place]:
                 del self.elements[inner]
+            if delta.add_block.WhichOneof("type") == "popover":  # which opens as a widget
+                self.elements[place] = delta.add_block
             return
         self.elements[place] = delta.new_element
         if delta.new_element.WhichOneof("type") == "exception":

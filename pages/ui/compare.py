@@ -174,7 +174,7 @@ def _show_estimates(shown: _Shown, earlier: Sequence[figures.Row]) -> None:
         figures.estimates(points, shown.colour, above, shown.truth, earlier), "compare_estimates"
     )
     level = 100 * (recommended.estimate.level or 0) if recommended else 0
-    interval = f"Shaded: the recommended {level:.0f} % interval; cross: outside it." * bool(level)
+    interval = f"Shaded: the recommended {level:.0f} % interval; square: outside it." * bool(level)
     parts = [interval, "Dashed: true value." * bool(shown.truth),
              "Open diamonds: earlier estimates." * bool(earlier)]  # fmt: skip
     show.caption(

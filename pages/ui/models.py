@@ -54,7 +54,10 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     else:
         if not workspace.judgements:
             st.markdown(LEAD)
-        with st.container(horizontal=True, vertical_alignment="center"):
+            place = st.container(horizontal=True, vertical_alignment="center")
+        else:
+            place = st.popover("Compare other models", icon=":material/gavel:")
+        with place:
             chosen = st.multiselect(
                 "Models", list(FOLLOWING), label_visibility="collapsed",
                 format_func=lambda key: FOLLOWING[key].title, placeholder="Choose models",

@@ -300,7 +300,7 @@ def test_a_window_is_dragged_twice_and_all_methods_on_it_run_stop_and_survive_a_
     page.get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Stopped: ")).to_be_visible()
     page.get_by_role("button", name="Run all methods").click()
-    methods = table(page, "Collides at")
+    methods = table(page, "Inside the interval")
     expect(page.get_by_text("with the recommended estimate")).to_be_visible(timeout=TRAINING_MS)
     estimates = chart(page, "compare_estimates")
     expect(estimates).to_be_in_viewport()  # of the first screen
@@ -419,11 +419,8 @@ def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(
     for k, make in enumerate(("Audi(A8)", "Tesla(Model3)")):
         (folder / f"run{k}.csv").write_bytes(csv(frame(620, k), metadata(("Lead", make))))
     page = opened("/Database")
+    page.get_by_role("button", name="Start your own").click()
     choose(page, "Windows", "60 s")
-    page.locator('[data-baseweb="tag"]', has_text="Least squares").get_by_role("button").or_(
-        page.get_by_role("button", name="Remove Least squares")
-    ).first.click()
-    idle(page)
     fill(page, "Workers", "1")
     idle(page)
     expect(page.get_by_text("2 files: 2 windows")).to_be_visible()
@@ -432,12 +429,14 @@ def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(
     page.reload()
     done = page.get_by_text("Done: 2 files, 2 recordings, 2 windows")
     done.wait_for(timeout=TRAINING_MS)
-    expect(page.get_by_text("2 follower windows of 2 vehicles, 2 makes")).to_be_visible()
+    expect(page.get_by_text("2 follower windows, 2 vehicles, 2 makes")).to_be_visible()
     idle(page)
 
+    page.get_by_role("button", name="Filter").click()
     choose(page, "Make", "Tesla")
     page.keyboard.press("Escape")
-    expect(page.get_by_text("1 follower window of 1 vehicle, 1 make")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_text("1 follower window, 1 vehicle, 1 make")).to_be_visible()
     expect(page).to_have_url(re.compile("make=Tesla"))
     open_tab(page, "All rows")
     page.locator(".dvn-scroller").click(position={"x": 18, "y": 54})

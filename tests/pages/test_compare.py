@@ -116,7 +116,7 @@ def test_rows_pictures_warnings_starts_and_earlier_estimates(
     page.open_tab("compare_tabs", "Numbers")
     earlier = page.multiselect(key="compare_earlier")
     page.choose("compare_earlier", earlier.options[:1])
-    assert "Open diamonds: earlier estimates." in page.everything()
+    assert "Open diamonds: earlier estimates." in page.plain()
 
 
 def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) -> None:

@@ -146,6 +146,7 @@ def test_dropped_files_are_unpacked_refused_one_by_one_and_removed_after_the_bat
     left = study / DROPPED / "0" / "left.csv"  # as of a batch that was stopped
     left.parent.mkdir(parents=True)
     left.write_bytes(raw)
+    monkeypatch.setattr(own, "sees_all", lambda: True)  # as on the page
     own.make_room(session.id, "dropped", 1)
     assert left.exists()
     monkeypatch.setattr(own, "MOST_DROPPED", len(raw))
@@ -202,7 +203,8 @@ def test_every_tab_and_the_failures(study: Path) -> None:
     assert "ατ²" in page.figures()[1]["layout"]["xaxis"]["title"]["text"]
     page.open_tab("database_tabs", "Time gap over speed")
     points = [trace for trace in page.figures()[1]["data"] if trace["type"] == "scattergl"]
-    assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
+    makes = {trace["name"].partition(" ")[0] for trace in points}
+    assert makes == {"Tesla", "Kia"}
 
 
 def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,6 +74,7 @@ class Listener(Browser):
         await self.go("Snapshots")
         await self.press("Save", snapshots_name=f"{name}s result")
         await self.go("Database")
+        await self.set("database_new", True)
         await self.set("database_name", f"{name}s study")
         await self.press("database_start")
         self.secrets += [f"{name}s.csv", *cars, f"{name}s result", f"{name}s study"]

@@ -169,7 +169,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: batches(studies.row("A", tau=1.0), studies.row("A", tau=1.1)), ["probability"]),
     (lambda: batches(studies.row("A"), studies.row("B", beta=1.9), studies.row("C", tau=None)),
      ["None of the 2 vehicles"]),
-    (lambda: on_batch.failures_line((BROKEN, BROKEN)), ["1 file without a window;"]),
+    (lambda: on_batch.failures_line((BROKEN, BROKEN)), ["1 file without a window"]),
     (lambda: on_batch.failures_line((BROKEN, *FAILED)),
      ["1 file without a window", "2 estimates failed"]),
     (lambda: on_batch.batch_line(studies.REQUEST), ["300 s", "Case II", "CTHP"]),

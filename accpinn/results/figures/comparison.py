@@ -45,7 +45,7 @@ OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
 JOINT_DRAWN = 300
 """Draws of a joint distribution that are shown."""
-INSIDE, OUTSIDE, EARLIER = "circle", "x", "diamond-open"
+INSIDE, OUTSIDE, EARLIER = "circle", "square-open", "diamond-open"
 """Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs; a
 ring stands for an extrapolated value everywhere."""
 ESTIMATED = (PARAMETERS[-1], *PARAMETERS[:-1])

@@ -30,7 +30,7 @@ from accpinn.units import FloatArray, Mask
 
 MOST_GROUPS = 24
 """Largest number of groups in a forest plot; those with most windows are drawn."""
-LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 200
+LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 130
 """Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
 FEW = 10
 WIDTHS = (0.48, 0.36, 0.16)
@@ -123,11 +123,9 @@ def forest(grouped: Groups) -> go.Figure:
                            "line": {"width": 2, "color": COLOUR}},
                    cliponaxis=False, showlegend=False)  # fmt: skip
         _mark_cut_ends(chart, panel, part, places, low, high)
-        first, _, rest = quantity.axis.rpartition(" at ") if quantity is gap else (
-            quantity.axis.partition(" ")
-        )  # fmt: skip
         look = {"range": [low, high], **style.ticks((low, high))}
-        chart.axis(f"x{panel}", f"{first}<br>{rest}", **look)  # lines that fit a narrow panel
+        title = quantity.axis.replace(" at ", " at<br>").replace(" growth", "<br>growth")
+        chart.axis(f"x{panel}", title, **look)  # of two lines that fit a narrow panel
     chart.level("x2", 1.0, style.TRUTH, layer="below")
     _mark_stability(chart, groups, names)
     below = driven.count(False)
@@ -172,13 +170,16 @@ def _mark_cut_ends(
 
 
 def _axis(values: FloatArray, least: float) -> tuple[float, float]:
-    """Ends that hold all values (K, 5), and their intervals as far as these are not too wide."""
+    """Ends that hold all values (K, 5), and their intervals as far as these are not too wide.
+
+    The axis begins at the least value, where one above zero is given.
+    """
     medians = values[:, 0]
     known = medians[np.isfinite(medians) & (medians > 0)]
     if not len(known):
         return least, least + 1.0
     ends = values[:, 1:][np.isfinite(values[:, 1:])]
-    low = max(least, known.min() - 1.0, min(known.min(), ends.min(initial=np.inf)) - 0.1)
+    low = least or max(0.0, known.min() - 1.0, min(known.min(), ends.min(initial=np.inf)) - 0.1)
     high = min(known.max() + 1.0, max(known.max(), ends.max(initial=0)) + 0.1)
     return float(low - 0.02 * (high - low) if low == least else low), float(high)
 
