@@ -29,7 +29,7 @@ def test_a_populations_posterior_is_calibrated(monkeypatch: pytest.MonkeyPatch) 
     """Two windows a car, so that both the other cars and these count."""
     monkeypatch.setattr(population, "CHAINS", 10)
     taught = population_of("cthp", 3)
-    ranks = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(150)]
+    ranks = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(100)]
     assert together(chances(np.array(ranks))) > LEVEL
 
 

@@ -192,6 +192,14 @@ def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
 
 
 class TestNames:
+    def test_each_says_whether_its_estimates_have_intervals(self) -> None:
+        for key, config in VARIANTS.values():
+            settings = config.to_json() if config else {}
+            method = METHODS[key]
+            has_posterior = method.posterior(settings) is not None
+            assert ("with intervals" in method.described(settings)) == has_posterior
+            assert not (has_posterior and method.minimises_papers_loss(settings))
+
     def test_a_variant_is_a_method_with_settings_and_the_reverse(self) -> None:
         for name in VARIANTS:
             key, settings = variant_of(name)

@@ -40,9 +40,9 @@ def test_fast_finds_lags_and_delays_that_are_not_typical(key: str) -> None:
         np.column_stack([ahead.gaps, behind.gaps]),
     )
     estimate = METHODS["pinn"].fit(platoon, settings=FAST, spec=ModelSpec(key))
-    found = np.column_stack([value_of(key, estimate.parameters, n) for n in FOLLOWING[key].names])
-    np.testing.assert_allclose(found[:, :-1], truth[:, :-1], rtol=0.06)
-    np.testing.assert_allclose(found[:, -1], truth[:, -1], rtol=0.1)
+    values = np.column_stack([value_of(key, estimate.parameters, n) for n in FOLLOWING[key].names])
+    np.testing.assert_allclose(values[:, :-1], truth[:, :-1], rtol=0.06)
+    np.testing.assert_allclose(values[:, -1], truth[:, -1], rtol=0.1)
     assert not any(isinstance(finding, Undetermined) for finding in estimate.findings)
     assert estimate.history.parameters[-1] == estimate.parameters
 
