@@ -20,6 +20,7 @@ from accpinn.methods.estimate import Estimate, ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of
+from accpinn.results import marks
 from accpinn.results.description import name_of
 from accpinn.results.figures import style
 from accpinn.results.tables.estimates import columns_of
@@ -45,7 +46,7 @@ OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
 JOINT_DRAWN = 300
 """Draws of a joint distribution that are shown."""
-INSIDE, OUTSIDE, EARLIER = "circle", "square-open", "diamond-open"
+INSIDE, OUTSIDE, EARLIER = "circle", marks.OUTSIDE.symbol, "diamond-open"
 """Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs; a
 ring stands for an extrapolated value everywhere."""
 ESTIMATED = (PARAMETERS[-1], *PARAMETERS[:-1])
