@@ -61,7 +61,7 @@ def test_the_estimate_is_the_same_everywhere(
         assert peaks == pytest.approx([report.vehicles[k].peak.gain] * 2, **EXACTLY)
     if snapshot.uncertainty:
         np.testing.assert_array_equal(snapshot.uncertainty.centre.everything, expected.everything)
-    driven = document(capsys, "simulate", path, "--duration", 120)
+    driven = document(capsys, "simulate", path, "--duration", 120, "--followers", len(expected))
     run = simulate_platoon(expected, Sinusoid(duration=120), model=snapshot.estimate.model)
     assert driven["minimum_gap"] == pytest.approx(run.minimum_gap.tolist(), **EXACTLY)
     waves = run.amplitudes.predicted.tolist()
