@@ -179,7 +179,7 @@ def _show_figures(learned: Parameters | None) -> None:
         with st.container(horizontal=True, vertical_alignment="center"):
             st.markdown("**Figure 7: Bode magnitude**", width="content")
             dashed = "" if learned is None else "learned"
-            show.key([("text's peak", MODEL)], dashed=dashed, dotted="Figure 8")
+            show.key([("text's peak", MODEL)], dashed=dashed, dotted="frequencies of Figure 8")
         for vehicles, cell in zip((ASTAZERO, VICOLUNGO), st.columns(2), strict=True):
             with cell:
                 dashes = learned if vehicles is ASTAZERO else None

@@ -268,7 +268,9 @@ def _controls(workspace: Workspace) -> Analysis | None:
         _buttons(workspace, asked)
         method = METHODS[asked.method if asked else recommended_method()]
         settings = asked.settings if asked else PRESETS[preset].to_json()
-        has_options = method.settings is not None
+        # While a training runs, nothing pushes its charts down.
+        is_active = workspace.training is not None and workspace.training.is_active
+        has_options = method.settings is not None and not is_active
         st.toggle("Options", key="train_options", disabled=not has_options)
     changed = " With your options." if workspace.settings.get(preset) else ""
     fixed = f" Fixed: {workspace.spec.in_words.partition(', ')[2]}." * bool(workspace.spec.fixed)
