@@ -43,7 +43,7 @@ def show_page(workspace: Workspace) -> None:
             if is_open:
                 _show_open(workspace)
             if results:
-                show_runs(workspace, results, "home_runs", is_part=True, title="My results")
+                show_runs(workspace, results, "home_runs", title="My results")
     _ways_in(workspace, is_first=not results)
     recent = recent_sessions(workspace)
     drawn = {
