@@ -34,7 +34,7 @@ MOST_GROUPS = 24
 LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 130
 """Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
 FEW, MOST_TICKS = 10, 5
-WIDTHS = (0.48, 0.36, 0.16)
+WIDTHS = (0.46, 0.34, 0.2)
 """Shares of the panels of a forest plot."""
 GROWTH = Quantity("Largest growth", "max |H|", "", 2, 0.0, 1e3)
 MEASURED = "circle"

@@ -36,7 +36,7 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
 """Colour of the second result's curves; the first one's is that of every simulation."""
-LISTED, FEW = 15, 4
+LISTED, FEW = 10, 4
 """Rows at most, and before all are asked for; a search finds the others."""
 WIDTHS = (2.1, 4.4, 1.1)
 """Widths of a row's cells: name and data, estimates and time, what can be done with it."""
@@ -63,8 +63,7 @@ def show_entries(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method", label_visibility="collapsed",
         )  # fmt: skip
-        words = (asked or "").casefold().split()
-        matching = [entry for entry in entries if all(word in entry.words for word in words)]
+        matching = [entry for entry in entries if entry.matches(asked or "")]
     is_short = is_long and not asked and not workspace.choices.get(f"{key}_all")
     rows = matching[: FEW if is_short else LISTED]
     if rows:
@@ -306,9 +305,7 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
 # Finished runs
 
 
-def show_runs(
-    workspace: Workspace, entries: Sequence[Entry], key: str, title: str = ""
-) -> None:
+def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: str = "") -> None:
     """The list, whose rows show a result again, and two of them beside each other."""
 
     def restore(entry: Entry) -> None:

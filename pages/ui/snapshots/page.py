@@ -57,14 +57,13 @@ def show_page(workspace: Workspace) -> None:
         _save_form(workspace)
     with right:
         _upload_form(workspace)
-    st.subheader("Kept here", anchor=False)
     entries = own_snapshots(workspace.id)
     if not entries:
         st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
         workspace, entries, "snapshots", lambda entry: _view(workspace, entry.id),
-        lambda entry: _show_actions(workspace, entry),
+        lambda entry: _show_actions(workspace, entry), title="Kept here",
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
 
@@ -130,7 +129,7 @@ def _upload_form(workspace: Workspace) -> None:
     st.subheader("Import a snapshot", anchor=False)
     most = int(LARGEST / 1e6)
     show.upload(
-        f"A file that ends in .accpinn.zip, up to {most} MB; it is checked first.",
+        "A file that ends in .accpinn.zip; it is checked first.",
         "snapshots_upload", took, type="zip", max_upload_size=most,
     )  # fmt: skip
 
