@@ -76,6 +76,9 @@ T = TypeVar("T")
 Say = Callable[[str], object]
 """Takes a sentence for the user: what was set aside, or could not be read or written."""
 
+SHORT_ID = 6
+"""Least number of letters by which a search finds an id."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -160,7 +163,8 @@ class Entry:
     def matches(self, words: str) -> bool:
         """Whether it has all of these words."""
         terms = words.casefold().split()
-        return all(term in self.words or self.id.startswith(term) for term in terms)
+        begins = [len(term) >= SHORT_ID and self.id.startswith(term) for term in terms]
+        return all(begun or term in self.words for term, begun in zip(terms, begins, strict=True))
 
 
 def _growths(result: Result) -> tuple[Quantity, ...]:

@@ -59,6 +59,9 @@ def show_entries(
     is_long = len(entries) > FEW
     matching, asked = entries, ""
     if is_long:
+        if title:
+            st.markdown(f"**{title}**")
+            title = ""
         asked = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method", label_visibility="collapsed",
