@@ -14,6 +14,7 @@ from accpinn.model.registry import TITLES
 from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.messages.stability import becomes, reason
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import KnownVehicles, Objection, against_model
 from accpinn.stability import Assessment, Verdict, assessment
@@ -231,6 +232,8 @@ def _objections(subject: KnownVehicles, place: int, row: Row | None) -> Iterator
     if any(vehicles.by_hand) and vehicles.by_hand[place]:
         share = vehicles.by_hand[place]
         yield Objection("driven by hand", f"Driven by hand for {percent(share)} of the time.")
+    if subject.result and (missing := unfinished(subject.result.estimate)):
+        yield Objection("training stopped", missing)
     if row is None:
         yield from against_model(subject, [vehicles.vehicles[place + 1]])
     else:

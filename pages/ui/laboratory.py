@@ -66,11 +66,6 @@ def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
         part = segments("Response", PARTS, "magnitude", PART, workspace, labelled=True)
         peak = nearest(_peak(source, which) or Sinusoid.frequency, offered)
         omega = nearest(workspace.choices.get(FREQUENCY, peak), offered)
-        if st.button(
-            "Platoon", key="laboratory_open_platoon", icon=":material/directions_car:",
-            help="Go on with these cars: gaps, transient, other disturbances.",
-        ):  # fmt: skip
-            _open_platoon(workspace, omega, which)
     with left:
         show.chart(
             figures.response_curves(source, part, HEIGHT), BODE, selection_mode="points",
@@ -156,13 +151,16 @@ def _peak(source: KnownVehicles, which: int) -> RadiansPerSecond:
     return float(peak.omega)
 
 
-def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
-    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+def open_platoon(workspace: Workspace, source: KnownVehicles) -> None:
+    """Turn to the platoon that is chosen, at its frequency, on the page of other disturbances."""
+    which = workspace.choices.get(PLATOON, most_amplifying(source))
+    offered = offered_frequencies(source)
+    usual = nearest(_peak(source, which) or Sinusoid.frequency, offered)
     workspace.choices.pop("platoon_sinusoid_speed", None)  # the one chosen here instead
     workspace.choices.update(
-        platoon_order="learned" if vehicle == WHOLE else "repeated",
-        platoon_vehicle=max(vehicle, 0),
-        platoon_sinusoid_frequency=omega,
+        platoon_order="learned" if which == WHOLE else "repeated",
+        platoon_vehicle=max(which, 0),
+        platoon_sinusoid_frequency=nearest(workspace.choices.get(FREQUENCY, usual), offered),
         platoon_kind="sinusoid",
     )
     frame.go(frame.PLATOON, workspace)

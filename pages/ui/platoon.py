@@ -35,7 +35,7 @@ from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
-HEIGHT = 350
+HEIGHT = 310
 """Height of the charts, in pixels."""
 VIEWS: dict[figures.View, str] = {
     "observer": "Moving observer",
@@ -152,10 +152,10 @@ def _show_details(
     source: KnownVehicles, run: PlatoonRun, cast: Cast, recorded: Segment | None
 ) -> None:
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
-    chosen = source.vehicles
-    said = f"{words.disturbance(run, cast)} {not_acc(chosen)}".rstrip()
-    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-    details = f"{words.smallest_gap(run, cast)} {words.by_linearisation(run)}".rstrip()
+    chosen, driving = source.vehicles, sorted({*cast.order})
+    st.markdown(f"##### {escape_markdown(source.origin)}")
+    said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
+    details = " ".join(filter(None, said))
     if recorded:
         leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
         details = (
@@ -168,7 +168,7 @@ def _show_details(
     if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
         there = source.at_speed(speed)
     if there.uncertainty:
-        odds = probabilities(chosen, there.uncertainty)
+        odds = probabilities(chosen, there.uncertainty, driving)
         known = words.known_growth(source, cast, run)
         details += f" Simulated with the estimated parameters. {known} {odds}"
     elif not source.result:
@@ -399,8 +399,8 @@ def _show_animation(run: PlatoonRun, cast: Cast) -> None:
     browser.picture("road")(data=motion(run, cast), key="platoon_road")
     ended = " A car that has collided is not drawn any more." if run.collisions else ""
     st.caption(
-        f"Seen from the leader; distances to scale, cars {figures.CAR_LENGTH:g} m long; red light:"
-        f" slowing down. {_seconds_shown(run, watched(run))}{ended}"
+        f"Seen from the leader; distances to scale, for cars {figures.CAR_LENGTH:g} m long; red"
+        f" light: slowing down. {_seconds_shown(run, watched(run))}{ended}"
     )
 
 

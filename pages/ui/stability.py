@@ -24,7 +24,7 @@ from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import KMH, escape_markdown, pick, segments, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.laboratory import PLATOON as SIMULATED
-from pages.ui.laboratory import most_amplifying, show_laboratory
+from pages.ui.laboratory import most_amplifying, open_platoon, show_laboratory
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -54,7 +54,8 @@ def show_page(workspace: Workspace) -> None:
     is_nonlinear = not chosen.vehicles.parameters.is_linear
     source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
     show_strip(
-        strip_of(source), lambda: _show_verdict(workspace, source), None, "stability",
+        strip_of(source), lambda: _show_verdict(workspace, source),
+        lambda: _next_button(workspace, source), "stability",
         lambda vehicle: _choose_vehicle(workspace, vehicle),
     )  # fmt: skip
     shown = show_laboratory(workspace, source)
@@ -66,6 +67,15 @@ def show_page(workspace: Workspace) -> None:
         "Margin": lambda: _show_margin(shown),
         "Measured": lambda: _show_measured(workspace, shown),
     })  # fmt: skip
+
+
+def _next_button(workspace: Workspace, source: KnownVehicles) -> None:
+    """The next step: the platoon of the laboratory behind other disturbances."""
+    if st.button(
+        "Next: platoon", icon=":material/arrow_forward:", key="stability_next", type="primary",
+        help="Go on with the laboratory's cars: gaps, transient, other disturbances.",
+    ):  # fmt: skip
+        open_platoon(workspace, source)
 
 
 def _choose_vehicle(workspace: Workspace, vehicle: int) -> None:
@@ -118,7 +128,7 @@ def _show_bode_notes(source: KnownVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points with bars: the measured gain and its band, faint where it is not compared."
+        + " Points: the measured gain with its band, faint where it is not compared."
         * bool(measured),
         help=words.MEASURED if measured else None,
     )

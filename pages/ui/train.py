@@ -20,6 +20,7 @@ from accpinn.model.registry import TITLES, has_terms_of
 from accpinn.recordings import Recording
 from accpinn.results.figures.training import NETWORK, course, tracking
 from accpinn.results.messages.estimate import initial_in_words
+from accpinn.results.messages.summary import unfinished
 from accpinn.segment import Segment
 from accpinn.study import Analysis
 from accpinn.study.result import Result, result_of
@@ -236,7 +237,12 @@ def _show_validation(workspace: Workspace) -> None:
 
 
 def _next_button(workspace: Workspace, result: Result) -> None:
-    """The next step, and another model where this one misses the drive."""
+    """The next step, and another model where this one misses the drive.
+
+    After a training that was stopped it is to train on, by the button above.
+    """
+    if unfinished(result.estimate):
+        return
     if not all(trust.is_reproduced for trust in result.trust):
         frame.ask_which_model(workspace, "Which model misses less?", "train_models")
     if st.button(
@@ -279,12 +285,12 @@ def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
         stop_button(training, "Stop training", "train_stop")
         return
     at = store().stopped_at(asked) if asked else None
-    label, icon = ("Start training", "play_arrow")
+    label, icon, result = "Start training", "play_arrow", workspace.result
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
     st.button(
         label,
-        type="secondary" if workspace.result else "primary",
+        type="secondary" if result and not unfinished(result.estimate) else "primary",
         icon=f":material/{icon}:",
         key="train_start",
         disabled=asked is None,

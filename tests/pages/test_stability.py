@@ -64,11 +64,11 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.figures()) == 3
-    assert len(page.open_tab("stability", "Poles and responses").figures()) == 5
+    assert len(page.figures()) == 2
+    assert len(page.open_tab("stability", "Poles and responses").figures()) == 4
     page.choose("stability_impulse", 1)
     gain = stability_report(ASTAZERO.parameters).vehicles[1].linf_gain
-    assert f"<b>{gain:.3f}</b>" in page.figures()[4]["layout"]["annotations"][0]["text"]
+    assert f"<b>{gain:.3f}</b>" in page.figures()[3]["layout"]["annotations"][0]["text"]
 
     page.open_tab("stability", "Region")
     page.choose("stability_plane", "alpha")
@@ -92,7 +92,7 @@ def test_what_is_trained_is_what_is_shown(preset: PresetName) -> None:
     assert shown == pytest.approx(result.parameters.everything, abs=1e-9)
     page = open_page("Stability", session)
     assert page.shows(verdict_table(known_vehicles(result)))
-    assert ("robability" in page.plain()) is (result.posterior is not None)
+    assert ("Probability" in page.plain()) is (result.posterior is not None)
 
 
 def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
@@ -402,7 +402,7 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 )
 def test_the_laboratory_leads_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
     page = open_page("Stability", with_example()).choose("laboratory_platoon", which)
-    session = page.press("laboratory_open_platoon").workspace()
+    session = page.press("stability_next").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
     omega = session.choices["platoon_sinusoid_frequency"]

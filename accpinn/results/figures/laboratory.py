@@ -95,8 +95,6 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
     the paper's model does not have, the stem ends where that curve passes without them.
     """
     chart, paints = style.Chart("conditions", 0), colours(vehicles)
-    rules = "Paper's L₂: below 0 dB<br>Paper's L∞: below the bar"
-    chart.words(rules, 0.01, 0.995, align="left")
     known = " without lag and delay" * is_lagged(vehicles.parameters)
     for k, (alpha, alpha_tau, beta) in enumerate(vehicles.parameters.theta.tolist()):
         if not alpha:

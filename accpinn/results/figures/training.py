@@ -39,6 +39,8 @@ FEW = 30
 """Moments of a training up to which each is marked."""
 VISIBLE = 0.1
 """Least change of the log likelihood that fills the height of its chart."""
+FIRST_STEPS = 0.1
+"""Share of the iterations whose log likelihood may lie below its axis."""
 LONG = 100
 """Iterations from which their axis is logarithmic."""
 GAP_ERROR = replace(GAP, name="Gap error")
@@ -139,7 +141,9 @@ def _loss(chart: style.Chart, history: History, at: FloatArray) -> Marks:
         _line(chart, 1, at, rising, "log likelihood", style.MODEL, hover="%{y:.4g}",
               showlegend=False)  # fmt: skip
         top = float(np.nanmax(rising, initial=0.0))
-        span = max(VISIBLE, top - float(np.nanmin(rising, initial=0.0)))
+        # The first steps rise so much that all later ones would look level.
+        later = rising[int(FIRST_STEPS * len(rising)) :]
+        span = max(VISIBLE, top - float(np.nanmin(later, initial=0.0)))
         chart.axis("y1", "log L − last", tickformat="~s",
                    range=[top - 1.05 * span, top + 0.05 * span])  # fmt: skip
         return [(1, rising, style.MODEL)]

@@ -1,6 +1,6 @@
 """String stability in sentences: the verdict, its probability and reason."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isinf, isnan
 
 from accpinn.findings import all_of, capital, joined, percent, probability, spelled
@@ -59,7 +59,10 @@ FOLD, LEAST_GROWTH = 2.0, 0.005
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return f"Diamonds: peaks. Rings: where the amplified frequencies end.{band}"
+    return (
+        "Diamonds: peaks. Rings: where the amplified frequencies end. Horizontal bars: limits of"
+        f" the paper's L∞ criterion.{band}"
+    )
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
@@ -441,12 +444,16 @@ def becomes(
     )
 
 
-def not_acc(chosen: ParameterSet) -> str:
-    """The vehicles that a driver controls, and how long; empty where none does."""
+def not_acc(chosen: ParameterSet, places: Iterable[int] | None = None) -> str:
+    """The vehicles that a driver controls, and how long; empty where none does.
+
+    All that are chosen, or those at some ``places``.
+    """
     pairs = [*zip(chosen.labels, chosen.by_hand, strict=False)]
+    pairs = pairs if places is None or not pairs else [pairs[k] for k in places]
     whole = [label for label, share in pairs if share > ALL_OF_IT]
     parts = [f"{label} for {percent(share)}" for label, share in pairs if 0 < share <= ALL_OF_IT]
-    if len(whole) == len(chosen):
+    if whole and len(whole) == len(pairs):
         return "Driven by hand, not by ACC."
     said = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
     said += [f"Driven by hand {joined(parts)} of the time."] if parts else []
@@ -483,8 +490,13 @@ def criteria_differ(subject: KnownVehicles) -> str:
     )
 
 
-def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
-    """The probability of L₂ string stability of each vehicle."""
-    pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
-    parts = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
+def probabilities(
+    chosen: ParameterSet, uncertainty: Uncertainty, places: Iterable[int] | None = None
+) -> str:
+    """The probability of L₂ string stability of each vehicle, or of those at some ``places``."""
+    shares = uncertainty.probability_l2.tolist()
+    parts = (
+        f"{chosen.labels[k]} {'not determined' if isnan(shares[k]) else probability(shares[k])}"
+        for k in (range(len(chosen)) if places is None else places)
+    )
     return f"Probability of L₂ string stability: {', '.join(parts)}."

@@ -16,5 +16,11 @@ def picture(name: str) -> Any:
     return components.component(f"accpinn_{name}", html=_text(f"{name}.html"), css=css, js=js)
 
 
+@cache
+def holder() -> Any:
+    """The component that keeps a chart's last picture while the next one is put up."""
+    return components.component("accpinn_held", js=_text("held.js"))
+
+
 def _text(file: str) -> str:
     return (HERE / file).read_text("utf-8")

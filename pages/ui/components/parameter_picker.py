@@ -86,8 +86,9 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
             )  # fmt: skip
         elif source == "snapshot":
             choose_entry(workspace, "Snapshot", SNAPSHOT, entries, labelled=False, width=420)
-    if source == "hand":
-        _edit_rows(workspace, f"{page}_rows")
+        if source == "hand":
+            with st.popover("Parameters", icon=":material/edit:", width=150):
+                _edit_rows(workspace, f"{page}_rows")
     chosen = parameters_from(workspace, source, entries)
     if chosen is None:
         _empty_state(workspace, page)
@@ -271,13 +272,6 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
             help="A further car is like the last; change its values in its row.",
             **bound(f"{key}_cars", min(max(len(rows), 1), MOST), count),
         )  # fmt: skip
-        if taken != (model, rows):
-            st.button(
-                "Take over what was shown", icon=":material/content_copy:", key=f"{key}_take",
-                on_click=change, args=taken,
-                help="The parameters of the estimate, set or snapshot shown before, with all"
-                " digits.",
-            )  # fmt: skip
     columns = _columns(model)
     table = f"{key}_{choices.get(EDITION, 0)}"
     if table not in st.session_state:
@@ -287,10 +281,16 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
         key=table,
         num_rows="dynamic",
         hide_index=True,
-        width=240 + 100 * (len(columns) - 1),
+        width=210 + 72 * (len(columns) - 1),
         column_config=columns,
     )
     choices[ROWS] = tuple(edited.itertuples(index=False, name=None))
+    if taken != (model, rows):
+        st.button(
+            "Take over what was shown", icon=":material/content_copy:", key=f"{key}_take",
+            on_click=change, args=taken,
+            help="The parameters of the estimate, set or snapshot shown before, with all digits.",
+        )  # fmt: skip
 
 
 def _models() -> dict[str, str]:
@@ -304,9 +304,9 @@ def _columns(model: str) -> Mapping[str, Any]:
     following = FOLLOWING[model]
     number = st.column_config.NumberColumn
     parameters = OF_CTHP if following.is_linear else following.parameters
-    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=90) for p in parameters}
-    speed = number(format="%.6g", width=90, help="The speed at which the model is linearised.")
-    text = st.column_config.TextColumn(max_chars=40, width=180)
+    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=72) for p in parameters}
+    speed = number(format="%.6g", width=72, help="The speed at which the model is linearised.")
+    text = st.column_config.TextColumn(max_chars=40, width=160)
     return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
 
 

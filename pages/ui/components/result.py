@@ -26,7 +26,7 @@ from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
-from pages.ui.components import frame, show
+from pages.ui.components import browser, frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
@@ -255,12 +255,14 @@ def _show_course(
 
 def theatre(curves: go.Figure, course: go.Figure | None, key: str) -> None:
     """The curves of an estimation beside the course of its loss and parameters."""
-    left, right = st.columns(THEATRE, gap="small")
-    with left:
-        show.chart(curves, f"{key}_curves")
-    if course:
-        with right:
-            show.chart(course, key)
+    with st.container(key=f"theatre_of_{key}"):
+        left, right = st.columns(THEATRE, gap="small")
+        with left:
+            show.chart(curves, f"{key}_curves")
+        if course:
+            with right:
+                show.chart(course, key)
+        browser.holder()(key=f"{key}_held", height=0)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:

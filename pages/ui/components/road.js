@@ -124,7 +124,9 @@ class Road {
     this.slider.setAttribute("aria-valuetext", `${written(now, 1)} s`);
     const share_done = (now - time[0]) / (time.at(-1) - time[0]);
     this.slider.style.setProperty("--share", `${100 * share_done}%`);
-    this.output.textContent = `${written(now, 1)} s · ${this.rate} × real time`;
+    const larger = length / (data.length * metre);
+    this.output.textContent = `${written(now, 1)} s · ${this.rate} × real time`
+      + (larger > 1.05 ? ` · cars enlarged ${written(larger, 1)} ×` : "");
     this.svg.dataset.places = places.map((place) => place === null ? "" : place.toFixed(2));
   }
 
