@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from accpinn.channels import GAP, SPEED
-from accpinn.findings import Finding, Labelled, Words, joined
+from accpinn.findings import Finding, Labelled, Words, capital, joined
 from accpinn.recordings.cures import (
     GAP_UNITS,
     SI,
@@ -30,6 +30,25 @@ UNITS_LISTED = 3
 """Units that a sentence names."""
 JUMPS_LISTED = 3
 """Jumps that a sentence names."""
+
+
+def gap_of(vehicle: int) -> str:
+    """The gap behind a vehicle in a sentence, which also serves where columns have other names."""
+    return f"the gap of vehicle {vehicle + 1}"
+
+
+def speed_of(vehicle: int) -> str:
+    """The speed of a vehicle in a sentence."""
+    return f"the speed of vehicle {vehicle}"
+
+
+def channel_in_words(column: str) -> str:
+    """A channel by its column's name: "IVS1" as "the gap of vehicle 2"."""
+    for quantity, words in ((GAP, gap_of), (SPEED, speed_of)):
+        number = column.removeprefix(quantity.column)
+        if number != column and number.isdecimal():
+            return words(int(number))
+    return column
 
 
 class Inconsistency(Finding, frozen=True):
@@ -58,8 +77,12 @@ class Inconsistency(Finding, frozen=True):
         """The cause, as the sentence names it; empty where no cause is known."""
         return ""
 
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence; it may begin with the gap."""
+        return capital(super().sentence(about))
+
     def _words(self, about: Labelled) -> Words:
-        channels = {"gap": GAP.of(self.vehicle), "ahead": self.vehicle, "behind": self.follower}
+        channels = {"gap": gap_of(self.vehicle), "ahead": self.vehicle, "behind": self.follower}
         return {**channels, "cause": self.cause}
 
 
@@ -98,8 +121,8 @@ class SignReversed(Inconsistency, frozen=True):
     def cause(self) -> str:
         """The sign of most gaps, or the exchange of the speeds."""
         if self.is_negative:
-            return f"most of {GAP.of(self.vehicle)} is negative; reverse its sign"
-        return f"exchange {joined((SPEED.of(self.vehicle), SPEED.of(self.follower)))}"
+            return "most of it is negative; reverse its sign"
+        return f"exchange {joined((speed_of(self.vehicle), speed_of(self.follower)))}"
 
 
 class UnitsDiffer(Inconsistency, frozen=True):
@@ -180,7 +203,7 @@ class SpeedsApart(Inconsistency, frozen=True):
     @property
     def cause(self) -> str:
         """The unit of one speed that fits."""
-        fitting = [f"{SPEED.of(cure.vehicle)} in {cure.unit}" for cure in self.units()]
+        fitting = [f"{speed_of(cure.vehicle)} in {cure.unit}" for cure in self.units()]
         return f"{joined(fitting, 'or')} would fit" if fitting else "check both columns"
 
 
@@ -219,7 +242,8 @@ class ClocksDiffer(Inconsistency, frozen=True):
         channels = []
         for shift in self.shifts:
             side = "late" if shift.seconds < 0 else "early"
-            channels.append(f"{shift.channel}{shift.vehicle} is {abs(shift.seconds):.1f} s {side}")
+            channel = channel_in_words(f"{shift.channel}{shift.vehicle}")
+            channels.append(f"{channel} is {abs(shift.seconds):.1f} s {side}")
         cure = f"; add {self.shifts[0].seconds:+.1f} s to its times" if self.is_determined else ""
         return joined(channels, "or") + cure
 
@@ -278,3 +302,6 @@ class ColumnsCopied(Inconsistency, frozen=True):
     first: str
     """Name of a column, as "Speed1"."""
     second: str
+
+    def _words(self, about: Labelled) -> Words:
+        return {"first": channel_in_words(self.first), "second": channel_in_words(self.second)}

@@ -104,7 +104,7 @@ def _units_of_data(
         ),
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
-    reason = "the gap changes as the speeds demand"
+    reason = "the gap changes as fast as the speeds demand"
     if others:
         reason = f"{joined([speed_unit or gap_unit, *others])} fit the gap's changes"
     return mapping, reason, not others

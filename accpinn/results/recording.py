@@ -34,17 +34,17 @@ from accpinn.segment.quality import (
 from accpinn.segment.suggestion import Suggestion
 
 GRADED: Mapping[Question, Sequence[str]] = {
-    "complete": ("Samples complete", "Samples bridged or frozen", "Samples missing or frozen"),
+    "complete": ("Samples complete", "Samples measured", "Samples measured"),
     "excited": ("Excitation sufficient", "Excitation small", "Excitation insufficient"),
     "following": ("Car-following", "Not only car-following", "Little car-following"),
-    "driver": ("Driven by ACC", "Not ACC throughout", "Driven by hand", "Driver not recorded"),
+    "driver": ("Driven by ACC", "Driven by ACC", "Driven by ACC", "Driver not recorded"),
     "consistent": ("Gaps consistent with speeds", "Gaps computed from speeds",
                    "Gaps contradict speeds", "Consistency not known"),
 }  # fmt: skip
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
 }
-"""Label of each grade, from good to not known."""
+"""Label of each grade, from good to not known; it says what is counted, the mark how good it is."""
 MEANING: Mapping[Question, str] = {
     "complete": (
         "The share of instants at which every speed and gap was measured: not missing, not bridged,"

@@ -196,6 +196,7 @@ def _findings(segment: Segment, figures: Quality) -> Iterator[QualityFinding]:
         yield LittleLeaderMotion(segment.vehicles[0], figures.leader_deviation)
     deviations, conditions = figures.relative_deviation, figures.condition
     still = np.less(deviations, LITTLE_RELATIVE_MOTION) | np.greater(conditions, LARGE_CONDITION)
+    still &= np.isfinite(deviations)  # of what was never measured nothing is said
     if still.any():
         yield NearEquilibrium(*those(still, deviations, conditions))
     elsewhere = np.less(figures.car_following, LITTLE_CAR_FOLLOWING)
@@ -395,7 +396,7 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     share = nan if no_mode else float((modes == Mode.ACC).mean(axis=0).min())
     agreements = [agreement(recording.pair(number, rows)) for number in ahead]
     agreed = [value for value in agreements if value is not None]
-    is_near = bool(_of(still, NearEquilibrium))
+    is_near = bool(_of(still, NearEquilibrium)) or np.isinf(max(quality.condition))
     following = min(quality.car_following)
     return (
         Rating("complete", _grade(is_incomplete, bool(missing)), missing, measured),

@@ -76,6 +76,9 @@ T = TypeVar("T")
 Say = Callable[[str], object]
 """Takes a sentence for the user: what was set aside, or could not be read or written."""
 
+SHORT_ID = 6
+"""Least number of letters by which a search finds an id."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -152,10 +155,16 @@ class Entry:
 
     @property
     def words(self) -> str:
-        """All that a search looks at, in lower case."""
+        """All that a search looks at, beside the beginning of `id`, in lower case."""
         parts = (self.name, self.note, self.source, self.campaign, self.window, self.method,
-                 self.preset, self.model, self.id, self.created[:10], *self.vehicles)  # fmt: skip
+                 self.preset, self.model, self.created[:10], *self.vehicles)  # fmt: skip
         return " ".join(parts).casefold()
+
+    def matches(self, words: str) -> bool:
+        """Whether it has all of these words."""
+        terms = words.casefold().split()
+        begins = [len(term) >= SHORT_ID and self.id.startswith(term) for term in terms]
+        return all(begun or term in self.words for term, begun in zip(terms, begins, strict=True))
 
 
 def _growths(result: Result) -> tuple[Quantity, ...]:
@@ -206,9 +215,8 @@ class Shelf:
             paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         except OSError:  # as without file descriptors; what the index knows may still be there
             return ()
-        terms = words.casefold().split()
         entries = self._transact(partial(self._entries, paths, session)) or ()
-        chosen = [entry for entry in entries if all(word in entry.words for word in terms)]
+        chosen = [entry for entry in entries if entry.matches(words)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
 
     def _entries(

@@ -147,7 +147,9 @@ def _show(workspace: Workspace, data: Segments, running: bool) -> None:
         return
     every = workspace.compared_with_training()
     if recommended := recommended_of(every):
-        st.markdown(f"**{escape_markdown(agreement(every, recommended))}**")
+        sentence, more = map(escape_markdown, agreement(every, recommended))
+        if sentence:
+            st.markdown(f"**{sentence}**", help=more or None)
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, data[0].labels[1:], "compare_follower")
         shown = _Shown(workspace, data, every, follower)

@@ -33,8 +33,8 @@ def show_page(workspace: Workspace) -> None:
         ask(workspace, workspace.pending, then=frame.DATA)
         return
     st.markdown(
-        "accpinn estimates the time gap that a car's **adaptive cruise control** keeps, how it"
-        " reacts, and whether a line of such cars amplifies disturbances."
+        "accpinn estimates the time gap that an **adaptive cruise control** keeps, how it reacts,"
+        " and whether a line of such cars amplifies disturbances."
     )
     results = results_to_see(workspace)
     is_open = bool(workspace.recording or workspace.restored)
@@ -43,7 +43,7 @@ def show_page(workspace: Workspace) -> None:
             if is_open:
                 _show_open(workspace)
             if results:
-                show_runs(workspace, results, "home_runs", is_part=True, title="My results")
+                show_runs(workspace, results, "home_runs", title="My results")
     _ways_in(workspace, is_first=not results)
     recent = recent_sessions(workspace)
     drawn = {
@@ -125,7 +125,7 @@ def _more_ways(workspace: Workspace) -> None:
 
 
 def _show_samples(workspace: Workspace) -> None:
-    st.caption("Synthetic recordings with known true parameters: what is learned can be checked.")
+    st.caption("Synthetic recordings with known true parameters.")
     for column, path in zip(st.columns(CARDS), samples()[:CARDS], strict=False):
         with column.container(border=True, height="stretch", vertical_alignment="distribute"):
             name, _, about = sample_title(path).partition(": ")

@@ -15,6 +15,7 @@ from accpinn import AccpinnError, Parameters, Result
 from accpinn.cli import main
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING, fingerprint
+from accpinn.results.marks import EXTRAPOLATED
 from accpinn.study.batch import batch
 from tests.support.command import ROOT, Capture, document
 from tests.support.samples import FOLDER, NOISY
@@ -126,7 +127,9 @@ class TestFrames:
             notes = table.to_frame().get(f"{key}_note", [""])
             assert bool(notes[0]) != is_driven
             assert (f"{key}_note" in table.to_csv()) != is_driven
-        assert any(line.startswith("*: ") for line in table.to_text().splitlines())
+        assert any(
+            line.startswith(f"{EXTRAPOLATED.glyph}: ") for line in table.to_text().splitlines()
+        )
 
     @pytest.mark.parametrize("made", [two_windows, nonlinear])
     def test_draws_have_the_names_of_the_model(self, made: Any) -> None:

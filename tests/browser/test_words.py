@@ -3,11 +3,13 @@
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
+from accpinn.study.snapshot_library import Library
 from tests.browser.conftest import App, Open
 from tests.browser.running import TRAINING_MS, chart, go, idle, open_tab, upload, words
 
@@ -19,6 +21,8 @@ STABILITY_TABS = ("Poles and responses", "Region", "Margin", "Measured")
 FOUR_CARS = "AstaZero/ASta_040719_platoon5.csv"
 CASALE = "Casale/part7.csv"
 LONGEST_MS = 3 * TRAINING_MS
+MANY = 12
+"""Snapshots, more than a list shows at once."""
 
 
 Counts = dict[str, tuple[int, int]]
@@ -52,7 +56,7 @@ def trained(page: Page, file: str, counts: Counts | None = None) -> None:
         pytest.param("/Data", FOUR_CARS, marks=pytest.mark.skipif(not REAL, reason="no OpenACC")),
     ],
 )
-def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
+def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -> None:
     page = opened(start)
     page.set_viewport_size({"width": 1440, "height": 900})
     counts: Counts = {}
@@ -85,6 +89,19 @@ def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
     expect(page.locator(".js-plotly-plot").first).to_be_visible()
     idle(page)
     counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
+    library = Library(app.snapshots)
+    result = library.read(library.entries()[0].id)
+    for k in range(MANY - 1):
+        library.add(replace(result, name=f"{result.name}, {k}"))
+    page.get_by_role("button", name="All snapshots").click()
+    more = page.get_by_role("button", name=f"Show all {MANY}")
+    more.wait_for()
+    idle(page)
+    counts["many snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    more.click()
+    page.get_by_text("search for the others").wait_for()
+    idle(page)
+    counts["all snapshots"] = 1, len(words(page))
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(file or "sample", counts)
     require_few(counts)

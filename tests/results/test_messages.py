@@ -290,14 +290,14 @@ def test_methods_are_as_far_from_the_recommended_estimate_as_is_said() -> None:
 
     def said(*values: float) -> str:
         row = altered(other, parameters=Parameters.of(np.tile(values, (2, 1))))
-        return on_result.agreement((first, row), first)
+        return " ".join(on_result.agreement((first, row), first))
 
     assert said(0.106, 0.0, 1.002).startswith("Every method agrees with the recommended estimate")
     assert "6 % (α) and 1 % (time gap) of it" in said(0.106, 0.0, 1.002)
     assert said(0.2, 0.0, 1.0).startswith("No method agrees")
     assert "1 % (time gap) of it" in said(math.nan, 0.3, 1.002)
     assert "%" not in said(math.nan, 0.3, math.nan).partition("intervals")[2]
-    assert on_result.agreement((first,), first) == "", "nothing is compared"
+    assert on_result.agreement((first,), first) == ("", ""), "nothing is compared"
 
 
 def test_the_recommended_estimate_is_one_with_a_posterior() -> None:

@@ -109,7 +109,7 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
 
 def test_the_margin_is_that_of_the_linearisation_at_the_speed(folder: Path) -> None:
     result = idm_result(folder)
-    model, theta = FOLLOWING["idm"], result.parameters.own[0]
+    model, theta = FOLLOWING["idm"], result.parameters.nonlinear[0]
     for speed in (15.0, 25.0):
         (found,) = result.margin(speed).vehicles
         near = model.linearised(theta, speed)
@@ -187,7 +187,9 @@ def test_the_network_learns_it_where_a_preset_is_named_and_commands_have_its_par
     assert [printed["parameters"][0][name] for name in names] == pytest.approx(
         loaded.parameters.nonlinear[0]
     )
-    assert set(names) <= {picture.name for picture in training_pictures(loaded)}
+    (course,) = training_pictures(loaded)
+    titles = {axis.title.text for axis in course.figure.select_yaxes()}
+    assert titles >= {f"{p.symbol} [{p.unit}]" for p in FOLLOWING[key].parameters}
     (row,) = printed["parameters"]
     assert {*names, "alpha", "beta", "tau"} <= row.keys()
     assert row["v0"] == pytest.approx(40)

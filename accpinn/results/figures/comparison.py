@@ -98,8 +98,8 @@ def estimates(
     groups = {row.model: [r for r in rows if r.model == row.model] for row in rows}
     lines = sum(1 + len(members) for members in groups.values())
     chart = style.Chart(
-        "compare-estimates", 76 + 26 * lines, style.row(3, 0.03), dragmode=False,
-        margin={"l": 0, "r": 12, "t": 44, "b": 6},
+        "compare-estimates", 94 + 26 * lines, style.row(3, 0.03), dragmode=False,
+        margin={"l": 0, "r": 12, "t": 62, "b": 6},
     )  # fmt: skip
     ticks, at = dict[float, str](), 0.0
     place = dict[int, float]()
@@ -146,7 +146,8 @@ def estimates(
                 chart.shape({"type": "line", "xref": f"x{panel}", "x0": known[0], "x1": known[0],
                              "yref": f"y{panel}", "y0": own.min() - 0.5, "y1": own.max() + 0.5,
                              "line": style.TRUTH | {"width": 2}})  # fmt: skip
-        chart.axis(f"x{panel}", quantity.heading, side="top", range=shown, **style.ticks(shown))
+        heading = quantity.heading.replace(" [", "<br>[")  # narrow panels have no room beside it
+        chart.axis(f"x{panel}", heading, side="top", range=shown, **style.ticks(shown))
     return chart.figure()
 
 
@@ -186,15 +187,16 @@ def tracks(
 
 def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
-    chart = style.Chart("compare-residual", 240, style.row(2, 0.06), dragmode=False)
-    titles = ("Residual with itself", "Residual after acceleration ahead")
+    chart = style.Chart("compare-residual", 258, style.row(2, 0.06), dragmode=False,
+                        margin={"b": 67})  # fmt: skip
+    titles = ("Residual with itself", "Acceleration ahead")
     shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in found)
     chart.axis("y*", range=[-shown, shown])
     chart.axis("y", "Correlation")
     for panel, ((lags, values, most), title) in enumerate(zip(found, titles, strict=True), 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip
-        chart.axis(f"x{panel}", f"{title}: lag [s]")
+        chart.axis(f"x{panel}", f"{title}:<br>lag [s]")
         for end in (-most, most):
             chart.level(f"y{panel}", end, LIMIT)
     return chart.figure()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TIME_GAP, Quantity
 from accpinn.findings import probability
 from accpinn.methods.estimate import SPEEDS
+from accpinn.results import marks
 from accpinn.results.database import label_of
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
@@ -32,23 +33,23 @@ MOST_GROUPS = 24
 """Largest number of groups in a forest plot; those with most windows are drawn."""
 LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 130
 """Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
-FEW = 10
-WIDTHS = (0.48, 0.36, 0.16)
+FEW, MOST_TICKS = 10, 5
+WIDTHS = (0.46, 0.34, 0.2)
 """Shares of the panels of a forest plot."""
 GROWTH = Quantity("Largest growth", "max |H|", "", 2, 0.0, 1e3)
-MEASURED, EXTRAPOLATED = "circle", "circle-open"
-"""Symbols of time gaps at speeds that were driven, and at others."""
+MEASURED = "circle"
+"""Symbol of a time gap at a speed that was driven; at others it is that of extrapolation."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
-OTHERS = "others"
+OTHERS, OTHERS_SYMBOL = "others", "hexagram"
 MOST_NAMED = len(style.FOLLOWERS)
 """Groups with a colour of their own."""
 COLOUR = style.FOLLOWERS[0]
 STABLE, UNSTABLE, IDLE = style.FOLLOWERS[0], style.FOLLOWERS[1], style.LEADER
 CLASSES = (
-    ("L₂ unstable (ring)", UNSTABLE, "circle-open"),
+    ("L₂ unstable (✗)", UNSTABLE, "x-thin-open"),
     ("L₂ stable alone (open diamond)", STABLE, "diamond-open"),
     ("L₂ and L∞ stable (diamond)", STABLE, "diamond"),
-    ("no gap control, or not determined (cross)", IDLE, "x-thin-open"),
+    ("no gap control, or not determined (–)", IDLE, "line-ew-open"),
 )
 """What a point in the plane is by its string stability, with its colour and symbol."""
 TONES: dict[Assessment, str] = {
@@ -86,7 +87,7 @@ def forest(grouped: Groups) -> go.Figure:
     places = np.arange(len(groups))
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(LEAST_HEIGHT, RIM + line * len(groups))
-    grid = style.row(3, 0.025, WIDTHS)
+    grid = style.row(3, 0.045, WIDTHS)
     chart = style.Chart("forest", height, grid, dragmode=False,
                         margin={"l": 62, "r": 8, "t": 62, "b": 6})  # fmt: skip
     chart.axis("x*", side="top", tickangle=0)
@@ -96,7 +97,7 @@ def forest(grouped: Groups) -> go.Figure:
     counts = [group.windows for group in groups]
     sizes = np.clip(5.0 + 1.6 * np.sqrt(counts), 7.0, 14.0)
     driven = [group.is_driven(speed) for group in groups]
-    looks = [MEASURED if is_driven else EXTRAPOLATED for is_driven in driven]
+    looks = [MEASURED if is_driven else marks.EXTRAPOLATED.symbol for is_driven in driven]
     shown = (
         (gap, [astuple(group.time_gap(speed)) for group in groups], looks, 0.0),
         (GROWTH, [(*astuple(group.growth), np.nan, np.nan) for group in groups], MEASURED, 1.0),
@@ -123,7 +124,9 @@ def forest(grouped: Groups) -> go.Figure:
                            "line": {"width": 2, "color": COLOUR}},
                    cliponaxis=False, showlegend=False)  # fmt: skip
         _mark_cut_ends(chart, panel, part, places, low, high)
-        look = {"range": [low, high], **style.ticks((low, high))}
+        whole = np.arange(np.ceil(low), np.floor(high) + 1)
+        steps = {"tickvals": whole} if 1 < len(whole) <= MOST_TICKS else style.ticks((low, high))
+        look = {"range": [low, high], **steps}
         title = quantity.axis.replace(" at ", " at<br>").replace(" growth", "<br>growth")
         chart.axis(f"x{panel}", title, **look)  # of two lines that fit a narrow panel
     chart.level("x2", 1.0, style.TRUTH, layer="below")
@@ -151,7 +154,7 @@ def _mark_stability(chart: style.Chart, groups: Sequence[Group], names: Sequence
             hovertemplate="%{customdata}<extra></extra>",
             textfont={"color": [TONES[verdict] for verdict in verdicts], "size": 15},
         )  # fmt: skip
-    chart.axis("x3", "Stable<br>L₂ L∞", showticklabels=False, range=[-0.6, 1.6],
+    chart.axis("x3", "Stable", tickvals=[0, 1], ticktext=["L₂", "L∞"], range=[-0.6, 1.6],
                showgrid=False)  # fmt: skip
 
 
@@ -189,7 +192,7 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
     counts = pd.Series(list(labels), dtype=str).value_counts()
     named = list(counts.index[:MOST_NAMED])
     looks = dict(zip(named, zip(style.FOLLOWERS, cycle(SYMBOLS)), strict=False))
-    return looks | ({OTHERS: (style.LEADER, "circle-open")} if len(counts) > len(named) else {})
+    return looks | ({OTHERS: (style.LEADER, OTHERS_SYMBOL)} if len(counts) > len(named) else {})
 
 
 def plane(rows: pd.DataFrame) -> go.Figure:

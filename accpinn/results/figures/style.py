@@ -166,7 +166,7 @@ class Chart:
         self._named = set[str]()
         self._axes = {name: AXIS | look for name, look in (grid or {"x": {}, "y": {}}).items()}
         for panel, quantity in enumerate(channels, 1):
-            self.axis(f"y{panel}", quantity.axis)
+            self.axis(f"y{panel}", quantity.axis, hoverformat=f".{quantity.digits}f")
         if channels:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
         self._has_channels = bool(channels)
@@ -174,7 +174,8 @@ class Chart:
         margin = {"l": 62, "r": 14, "t": 10, "b": 49} | layout.pop("margin", {})
         self._layout = {
             "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
-            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": margin | PADDING, **layout,
+            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": margin | PADDING,
+            "hoverlabel": {"namelength": -1}, **layout,
         }  # fmt: skip
 
     def axis(self, name: str, title: str = "", **look: Any) -> None:
@@ -271,8 +272,7 @@ class Chart:
 
     def _tell_nearest(self, axes: Mapping[str, Part]) -> None:
         """Let the pointer tell one line's name and value, over time its instant, too."""
-        self._layout |= {"hovermode": "closest", "hoverdistance": 40, "spikedistance": -1,
-                         "hoverlabel": {"namelength": -1}}  # fmt: skip
+        self._layout |= {"hovermode": "closest", "hoverdistance": 40, "spikedistance": -1}
         for name, axis in axes.items():
             if name[0] == "x":
                 axis |= {"showspikes": True, "spikemode": "across", "spikesnap": "cursor",

@@ -329,22 +329,24 @@ def platoon_pictures(
     return run, cast, pictures, who
 
 
-def bundle(snapshot: Result) -> bytes:
+def bundle(snapshot: Result, verification: Verification | None = None) -> bytes:
     """All that is known of a result as one zip file.
 
     It holds report.html, the snapshot, each table as CSV and LaTeX, and as CSV the training's
     history and the motion in each window: measured, by the method's curves, and simulated behind
-    the measured vehicle ahead.
+    the measured vehicle ahead. The report is verified as by `render_report`.
     """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in _files(snapshot):
+        for name, data in _files(snapshot, verification):
             archive.writestr(zipfile.ZipInfo(name, UNCHANGING), data, zipfile.ZIP_DEFLATED)
     return content.getvalue()
 
 
-def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
-    yield "report.html", render_report(snapshot)
+def _files(
+    snapshot: Result, verification: Verification | None
+) -> Iterator[tuple[str, str | bytes]]:
+    yield "report.html", render_report(snapshot, verification)
     yield f"result{SUFFIX}", to_bytes(snapshot)
     for name, table in tables_of(snapshot).items():
         yield f"tables/{name}.csv", table.to_csv()

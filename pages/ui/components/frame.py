@@ -85,7 +85,7 @@ _STATUS = {
 
 _LEFT = _STATUS | {
     Status.QUEUED: "waits for its turn",
-    Status.RUNNING: "goes on; its result will be on Home",
+    Status.RUNNING: "goes on{left}; result on Home",
     Status.DONE: "is done; its result is on Home",
 }
 """The same of one that was left."""
@@ -193,15 +193,19 @@ def _left_row(
 ) -> None:
     """One training: where it stands, and what can be done with it."""
     icon = _LEFT_ICONS.get(task.status, "history")
-    place = f" in another session {_STATUS[task.status]}" if forget is None else (
+    place = f" in another session {_STATUS[task.status]}{{left}}" if forget is None else (
         f" {_LEFT[task.status]}"
     )  # fmt: skip
+    about = escape_markdown(about_analysis(task.analysis))
+
+    def tell() -> None:
+        seconds = task.time_left if task.status is Status.RUNNING else None
+        left = f", {show.format_duration(seconds)} left" if seconds else ""
+        said = f"Training of **{about}**{place.format(left=left)}."
+        st.markdown(f":material/{icon}: {said}", width="content")
+
     with st.container(horizontal=True, vertical_alignment="center"):
-        st.markdown(
-            f":material/{icon}: Training of **{escape_markdown(about_analysis(task.analysis))}**"
-            f"{place}.",
-            width="content",
-        )
+        st.fragment(tell, run_every=LOOK if task.is_active else None)()
         st.button("Show", key=f"{key}_show", type="tertiary", icon=":material/arrow_forward:",
                   on_click=show_it)  # fmt: skip
         if task.is_active:

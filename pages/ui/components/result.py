@@ -268,10 +268,16 @@ def theatre(curves: go.Figure, course: go.Figure | None, key: str) -> None:
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
     """The table of parameters, draws, the card, and all else in one file."""
     stem = Path(result.info.source).stem
+
+    def everything() -> bytes:
+        """With the report as it was verified when the snapshot was kept here."""
+        written = snapshot()
+        return bundle(written, library().verification(written.id))
+
     with st.container(horizontal=True):
         show.downloads(table, f"{stem}_parameters", page)
         st.download_button(
-            "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
+            "Download all", everything, f"{stem}_accpinn.zip", "application/zip",
             key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
             help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the"
             " training's history and the curves as numbers. Charts are saved by the camera in their"

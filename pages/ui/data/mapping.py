@@ -189,10 +189,6 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
             [excerpt(choice.column, 40) for choice in rows],
         ),
         (
-            Column("First values"),
-            [_first_values(choice) for choice in rows],
-        ),
-        (
             Column("Holds"),
             [
                 ", ".join([*(role for role, _ in roles.get(choice.column, ())),
@@ -203,6 +199,10 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
         (
             Column("Unit"),
             [next((unit for _, unit in roles.get(choice.column, ())), "") for choice in rows],
+        ),
+        (
+            Column("First values"),
+            [_first_values(choice) for choice in rows],
         ),
         (
             Column("Reason", prose=True),

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
-from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import Recording, files
@@ -136,7 +135,6 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
     Once a file has been opened, the app turns to the page ``then``; a table that asks for something
     does so where it was dropped.
     """
-    limit = int(config.get_option("server.maxUploadSize"))
 
     def took(given: list[tuple[str, bytes]]) -> None:
         (name, raw), *others = given
@@ -146,7 +144,7 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
             _open_beside(workspace, others)
 
     show.upload_several(
-        f"Drop recordings here: speeds and gaps, from OpenACC or your own; up to {limit} MB.",
+        "Drop recordings here: speeds and gaps, from OpenACC or your own.",
         "data_upload",
         took,
         help="CSV, Excel, Parquet or SUMO XML, also as .gz. OpenACC: columns Time, Speed1, Speed2,"

@@ -1,5 +1,6 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
@@ -43,7 +44,8 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
     if workspace.recording is None:
         show.not_acc(segment)
     table = tables.quality_table(segment.info, quality, estimate)
-    show.table(table, vehicle_colours(segment.vehicles)[1:])
+    untitled = replace(table, caption="")  # the heading above says what it is of
+    show.table(untitled, vehicle_colours(segment.vehicles)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
         " all other figures are of all instants."

@@ -36,9 +36,9 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
 """Colour of the second result's curves; the first one's is that of every simulation."""
-LISTED, FEW = 20, 4
-"""Rows at most, and where a list is not all of a page; a search finds the others."""
-WIDTHS = (2.1, 4.4, 0.9)
+LISTED, FEW = 10, 4
+"""Rows at most, and before all are asked for; a search finds the others."""
+WIDTHS = (2.1, 4.4, 1.1)
 """Widths of a row's cells: name and data, estimates and time, what can be done with it."""
 
 
@@ -49,24 +49,25 @@ def show_entries(
     open_entry: Callable[[Entry], None],
     action: Callable[[Entry], None] | None = None,
     help: str | None = None,
-    is_part: bool = False,
     title: str = "",
 ) -> None:
     """A row each, with time gaps and growths on common axes, and a field to search where many are.
 
     A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry. A
-    list that ``is_part`` of a page shows few rows until all are asked for.
+    long list shows few rows until all are asked for.
     """
     is_long = len(entries) > FEW
-    is_short = is_part and is_long and not workspace.choices.get(f"{key}_all")
     matching, asked = entries, ""
-    if is_long and not is_short:
+    if is_long:
+        if title:
+            st.markdown(f"**{title}**")
+            title = ""
         asked = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
-            placeholder="name, recording, vehicle or method",
+            placeholder="name, recording, vehicle or method", label_visibility="collapsed",
         )  # fmt: skip
-        words = (asked or "").casefold().split()
-        matching = [entry for entry in entries if all(word in entry.words for word in words)]
+        matching = [entry for entry in entries if entry.matches(asked or "")]
+    is_short = is_long and not asked and not workspace.choices.get(f"{key}_all")
     rows = matching[: FEW if is_short else LISTED]
     if rows:
         _show_rows(rows, key, open_entry, action, help, title)
@@ -102,12 +103,15 @@ def _show_rows(
             with st.container(key=f"{key}_row_{entry.id}", gap=None):
                 named, drawn, *more = st.columns(widths, vertical_alignment="center")
                 with named.container(gap=None):
+                    about = escape_markdown(_about(entry))
                     st.button(
                         escape_markdown(title_of(entry)), key=f"{key}_open_{entry.id}",
                         type="tertiary", icon=f":material/{_icon(entry)}:",
-                        on_click=open_entry, args=(entry,), help=help,
+                        on_click=open_entry, args=(entry,),
+                        help="\n\n".join(filter(None, (about, help))),
                     )  # fmt: skip
-                    st.caption(escape_markdown(_about(entry)))
+                    if not entry.name.strip():
+                        st.caption(about)  # a name says what it names
                 drawn.html(axes.row(entry, now)) if not entry.fault else drawn.caption("damaged")
                 if action and more:
                     with more[0]:
@@ -160,10 +164,9 @@ def choose_entry(
     workspace: Workspace, label: str, key: str, entries: Sequence[Entry], **look: Any
 ) -> str:
     """The short name of one of them; at first of the newest. ``look`` is as of `select`."""
-    named = (
-        (entry, dict.fromkeys((title_of(entry), entry.source, _about(entry)))) for entry in entries
-    )
-    known = {entry.id: " · ".join([*parts, entry.id[:6]]) for entry, parts in named}
+    known = {
+        entry.id: " · ".join((title_of(entry), _about(entry), entry.id[:6])) for entry in entries
+    }
     return select(label, known, entries[0].id, key, workspace, **{"width": 520} | look)
 
 
@@ -305,9 +308,7 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
 # Finished runs
 
 
-def show_runs(
-    workspace: Workspace, entries: Sequence[Entry], key: str, is_part: bool = False, title: str = ""
-) -> None:
+def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: str = "") -> None:
     """The list, whose rows show a result again, and two of them beside each other."""
 
     def restore(entry: Entry) -> None:
@@ -316,10 +317,10 @@ def show_runs(
 
     show.flashed()
     show_entries(
-        workspace, entries, key, restore, is_part=is_part, title=title,
+        workspace, entries, key, restore, title=title,
         help="Shows this result on every page. The present one stays in this list.",
     )  # fmt: skip
-    is_whole = not is_part or len(entries) <= FEW or workspace.choices.get(f"{key}_all")
+    is_whole = len(entries) <= FEW or workspace.choices.get(f"{key}_all")
     if is_whole and len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
         first = choose_entry(workspace, "Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first]

@@ -35,10 +35,8 @@ UNDO = "snapshots_undo"
 COLOURS = {True: "green", False: "red", None: "gray"}
 """Of a verification's mark by its outcome."""
 MARK = '<span style="cursor: help; font-size: .875rem" title="{why}">{brief}</span>'
-CONTAINS = (
-    "The file contains the recorded speeds and gaps of its windows. To share less, send the"
-    " parameter card (Train, Export) or a report without curves."
-)
+CONTAINS = "The file contains the recorded speeds and gaps of its windows."
+LESS = "To share less, send the parameter card (Train, Export) or a report without curves."
 NO_CURVES = "snapshots_no_curves"
 """The entry in Streamlit's session state that tells whether a report has curves."""
 
@@ -59,14 +57,13 @@ def show_page(workspace: Workspace) -> None:
         _save_form(workspace)
     with right:
         _upload_form(workspace)
-    st.subheader("Kept here", anchor=False)
     entries = own_snapshots(workspace.id)
     if not entries:
         st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
         workspace, entries, "snapshots", lambda entry: _view(workspace, entry.id),
-        lambda entry: _show_actions(workspace, entry),
+        lambda entry: _show_actions(workspace, entry), title="Kept here",
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
 
@@ -96,16 +93,18 @@ def _save_form(workspace: Workspace) -> None:
             st.form_submit_button(
                 "Save", type="primary", icon=":material/save:", on_click=_save, args=(workspace,)
             )
-            st.caption(CONTAINS, width="stretch")
+            st.caption(CONTAINS, help=LESS, width="stretch")
 
 
 def suggested_name(workspace: Workspace) -> str:
-    """Which vehicle or platoon, in which recording and window."""
+    """Which vehicle or vehicles, in which recording and window or windows."""
     if (result := workspace.result) is None:
         return ""
-    info, windows = result.info, frame.in_words(result.info.window, result.analysis.windows)
-    who = info.labels[1] if info.followers == 1 else f"{info.labels[1]} to {info.labels[-1]}"
-    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {windows}"[:LONGEST_NAME]
+    info, count = result.info, len(result.infos)
+    vehicles = f"vehicles {info.vehicles[1]} to {info.vehicles[-1]}"
+    who = info.labels[1] if info.followers == 1 else vehicles
+    when = str(info.window) if count == 1 else f"{count} windows"
+    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {when}"[:LONGEST_NAME]
 
 
 def _save(workspace: Workspace) -> None:
@@ -130,14 +129,14 @@ def _upload_form(workspace: Workspace) -> None:
     st.subheader("Import a snapshot", anchor=False)
     most = int(LARGEST / 1e6)
     show.upload(
-        f"A file that ends in .accpinn.zip, up to {most} MB; it is checked first.",
+        "A file that ends in .accpinn.zip; it is checked first.",
         "snapshots_upload", took, type="zip", max_upload_size=most,
     )  # fmt: skip
 
 
 def _show_actions(workspace: Workspace, entry: Entry) -> None:
     """How it was verified, and what its owner can do."""
-    with st.container(gap=None):
+    with st.container(horizontal=True, vertical_alignment="center", gap="xsmall"):
         if checked := library().verification(entry.id):
             why = html.escape(f"{checked.sentence} {checked.how}.")
             st.html(MARK.format(why=why, brief=html.escape(checked.brief)))
@@ -238,8 +237,8 @@ def _show_buttons(
             st.download_button(
                 "Download", lambda: library().raw(snapshot.id), f"{stem}{SUFFIX}",
                 "application/zip", on_click="ignore", icon=":material/download:",
-                help="The file itself: it can be sent, kept, and imported on any server. "
-                + CONTAINS,
+                help="The file itself: it can be sent, kept, and imported on any server."
+                f" {CONTAINS} {LESS}",
             )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accpinn import METHODS, Case, Estimate, Parameters, Store
-from accpinn.methods import Segments, TaskContext
+from accpinn.methods import Segments, TaskContext, forecast
 from accpinn.methods.estimate import Continued, Outcome, Progress, Undetermined, of_window
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
@@ -162,7 +162,8 @@ class TestWindows:
     def test_a_stop_within_a_cycle_leaves_curves_and_weights_that_belong_together(
         self, stop: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(training, "CURVE_EVERY", 0.0)
+        monkeypatch.setattr(forecast, "CURVE_EVERY", 0.0)
+        monkeypatch.setattr(forecast, "DRAWING_SHARE", np.inf)
         seen: list[Progress] = []
         estimate = fit(windows(), should_stop=after(stop), on_progress=seen.append)
         assert estimate.outcome is Outcome.STOPPED

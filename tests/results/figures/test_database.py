@@ -3,6 +3,7 @@
 import numpy as np
 
 from accpinn import Groups, Parameters, group
+from accpinn.results import marks
 from accpinn.results.database import ranking_table
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.strip import GLYPHS
@@ -60,7 +61,7 @@ def test_measured_time_gaps_rank_before_extrapolated_ones_which_are_rings_and_ma
     figure = figures.forest(found)
     assert list(figure.layout.yaxis.ticktext) == ranks[::-1]
     symbols = list(named(figure, "time gap").marker.symbol)
-    assert symbols == [figures.EXTRAPOLATED] * 2 + [figures.MEASURED] * 2
+    assert symbols == [marks.EXTRAPOLATED.symbol] * 2 + [figures.MEASURED] * 2
     (line,) = [shape for shape in figure.layout.shapes if shape.y0 == shape.y1 == 1.5]
     assert line.type == "line"
     table = ranking_table(found)
