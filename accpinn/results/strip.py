@@ -112,7 +112,8 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
         for k, (result, place) in enumerate(subject.cars):
             trust = _trust(subject, k, describe(result).row(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
-        about = (vehicles.title, *([] if subject.uncertainty else [POINTS]))
+        models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
+        about = (vehicles.title, *models, *([] if subject.uncertainty else [POINTS]))
         return Strip(rows, leader, SPEEDS[-1], about)
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]

@@ -57,6 +57,8 @@ class KnownVehicles:
     """Where they come from, for a page's headline."""
     cars: tuple[tuple[Result, int], ...] = ()
     """(M,) of vehicles of several results: the result of each, and its place there."""
+    typed_speeds: tuple[MetresPerSecond, ...] = ()
+    """(M,) at which each is linearised whose parameters are typed in, where its model needs one."""
 
     @cached_property
     def report(self) -> StabilityReport:
@@ -109,8 +111,10 @@ class KnownVehicles:
 
     @property
     def median_speed(self) -> MetresPerSecond:
-        """The vehicles' median speed in the recording, or that of parameters without one."""
-        return float(np.median(self.result.estimate.speeds)) if self.result else Sinusoid.speed
+        """The vehicles' median speed in the recording, or at which they are typed in."""
+        if self.result:
+            return float(np.median(self.result.estimate.speeds))
+        return float(np.median(self.typed_speeds)) if self.typed_speeds else Sinusoid.speed
 
     def growth(
         self, order: Sequence[int], omega: RadiansPerSecond | None = None

@@ -21,7 +21,7 @@ from accpinn.results.figures.animation import motion, watched
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
 from accpinn.results.messages.estimate import contradictions
-from accpinn.results.messages.stability import not_acc, probabilities
+from accpinn.results.messages.stability import SEVERAL, not_acc, probabilities
 from accpinn.results.strip import strip_of
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import Cast, KnownVehicles
@@ -153,7 +153,7 @@ def _show_details(
 ) -> None:
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
     chosen, driving = source.vehicles, sorted({*cast.order})
-    st.markdown(f"##### {escape_markdown(source.origin)}")
+    st.markdown(escape_markdown(source.origin))
     said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
     details = " ".join(filter(None, said))
     if recorded:
@@ -170,7 +170,8 @@ def _show_details(
     if there.uncertainty:
         odds = probabilities(chosen, there.uncertainty, driving)
         known = words.known_growth(source, cast, run)
-        details += f" Simulated with the estimated parameters. {known} {odds}"
+        by = SEVERAL if source.cars else "Simulated with the estimated parameters."
+        details += f" {by} {known} {odds}"
     elif not source.result:
         details += f" {words.GIVEN_SIMULATION}"
     st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))

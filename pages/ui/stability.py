@@ -40,7 +40,6 @@ HELD: dict[Plane, str] = {"beta": "α", "alpha": "β", "gains": "τ"}
 """The parameter that a plane keeps."""
 SELECT = 56
 """Height of a select box above a chart, in pixels."""
-SEVERAL = "Each car by the model of its own result, linearised at its median speed."
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
     " snapshot."
@@ -114,8 +113,8 @@ def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
         why = escape_markdown(words.along_platoon(source))
         st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
     assumed = assumption(result, source.speed) if result else words.GIVEN_PARAMETERS
-    if result is None and workspace.parameter_source == "several":
-        assumed = SEVERAL
+    if source.cars:
+        assumed = words.SEVERAL
     st.caption(escape_markdown(assumed))
     show.cautions(contradictions(result))
     if result:
@@ -128,8 +127,7 @@ def _show_bode_notes(source: KnownVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points: the measured gain with its band, faint where it is not compared."
-        * bool(measured),
+        + " Points: measured gain and band, faint where not compared." * bool(measured),
         help=words.MEASURED if measured else None,
     )
 
@@ -179,10 +177,14 @@ def _show_speeds(source: KnownVehicles) -> None:
     low, high = np.quantile(driven, (0.05, 0.95)).tolist()
     speed = source.speed or source.median_speed
     show.chart(peak_over_speed(followers, (low, high), speed), "stability_speeds")
+    driven_at = (
+        f" Shaded in grey: the followers drive {KMH * low:.0f} to {KMH * high:.0f} km/h for 90 % of"
+        " the recorded time."
+    )
+    bands = f" Bands: {100 * LEVEL:.0f} % intervals."
     st.caption(
-        f"Largest gain for small disturbances: above 0 dB they grow. Shaded in grey: the followers"
-        f" drive {KMH * low:.0f} to {KMH * high:.0f} km/h for 90 % of the recorded time. Dashed:"
-        f" {KMH * speed:.0f} km/h. Bands: {100 * LEVEL:.0f} % intervals."
+        "Largest gain for small disturbances: above 0 dB they grow."
+        f"{driven_at * bool(segments)} Dashed: {KMH * speed:.0f} km/h.{bands * bool(known)}"
     )
 
 

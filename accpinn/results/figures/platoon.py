@@ -27,6 +27,8 @@ from accpinn.units import FloatArray, Metres, Seconds, stretches
 
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
+PREDICTION_RIM = 0.3
+"""How far an axis goes on for a linear prediction, as a share of what the vehicles span."""
 POINTS = 800
 """Largest number of points a line of a profile."""
 COLUMNS = 240
@@ -135,6 +137,12 @@ def profiles(
             speeds, gaps = linear.speeds[rows, k + 1], linear.gaps[rows, k]
             _draw(chart, linear.time[rows], f"{label}, linear", paints[k + 1], speeds, gaps,
                   width=1.2, dash="dash", opacity=MEASURED_OPACITY)  # fmt: skip
+        if not measured:
+            for axis, shown, predicted in (
+                ("y1", driven.speeds[rows], linear.speeds[rows]),
+                ("y2", driven.gaps[rows], linear.gaps[rows]),
+            ):
+                chart.axis(axis, range=_limits(shown, predicted))
     for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
         below = driven.gaps[rows, k - 1] if k else None
         _draw(chart, driven.time[rows], cast.labels[k], paints[k], driven.speeds[rows, k],
@@ -143,6 +151,14 @@ def profiles(
         chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
     _draw_collisions(chart, run, span)
     return chart.figure()
+
+
+def _limits(shown: FloatArray, predicted: FloatArray) -> list[float]:
+    """Limits of an axis, which a prediction that is far off may leave."""
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    rim = PREDICTION_RIM * (high - low)
+    inside = np.clip(predicted[np.isfinite(predicted)], low - rim, high + rim)
+    return style.limits(np.concatenate([shown.ravel(), inside]))
 
 
 def _draw(

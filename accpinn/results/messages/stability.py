@@ -37,6 +37,8 @@ MAY_AMPLIFY = (
 )
 GIVEN_PARAMETERS = f"The verdict is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a verdict on parameters without a recording assumes."""
+SEVERAL = "Each car by the model of its own result, linearised at its median speed."
+"""What a verdict on vehicles of several results assumes."""
 MEASURED = (
     "Points: the gain measured from the recorded speeds alone by Welch's method, |Ĝ| = |S_uv|/S_uu;"
     " bars: |Ĝ| exp(±t ε) with ε² = (1 - γ²)/(2(n - 1)γ²), at the bands' level (Bendat and Piersol,"
@@ -60,8 +62,8 @@ def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     return (
-        "Diamonds: peaks. Rings: where the amplified frequencies end. Horizontal bars: limits of"
-        f" the paper's L∞ criterion.{band}"
+        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
+        f" paper's L∞ criterion.{band}"
     )
 
 

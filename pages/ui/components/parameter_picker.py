@@ -148,8 +148,7 @@ def parameters_from(
         vehicles = next(published for published in PUBLISHED if published.title == title)
         return KnownVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
     if source == "hand":
-        typed = _typed(choices.get(MODEL, PAPER), choices.get(ROWS, ()))
-        return KnownVehicles(typed, origin=SOURCES[source])
+        return _typed(choices.get(MODEL, PAPER), choices.get(ROWS, ()))
     if source == "several":
         return of_several(cars_of(workspace))
     result = workspace.result
@@ -323,7 +322,7 @@ def _padded(row: Row, length: int) -> Row:
     return (*row, *(None for _ in range(length - len(row))))
 
 
-def _typed(model: str, rows: Sequence[Row]) -> ParameterSet:
+def _typed(model: str, rows: Sequence[Row]) -> KnownVehicles:
     """The vehicles of a table by hand."""
     if not 0 < len(rows) <= MOST:
         raise ParameterError(
@@ -335,5 +334,8 @@ def _typed(model: str, rows: Sequence[Row]) -> ParameterSet:
     known = tuple(name or f"Vehicle {k}" for k, name in enumerate(names, 1))
     values = table.iloc[:, 1:].to_numpy(float)
     if FOLLOWING[model].is_linear:
-        return typed_vehicles(BY_HAND, model, known, values, np.empty(0))
-    return typed_vehicles(BY_HAND, model, known, values[:, :-1], values[:, -1])
+        typed = typed_vehicles(BY_HAND, model, known, values, np.empty(0))
+        return KnownVehicles(typed, origin=SOURCES["hand"])
+    speeds = values[:, -1]
+    typed = typed_vehicles(BY_HAND, model, known, values[:, :-1], speeds)
+    return KnownVehicles(typed, origin=SOURCES["hand"], typed_speeds=tuple(speeds.tolist()))
