@@ -153,7 +153,7 @@ def _show_details(
 ) -> None:
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
     chosen, driving = source.vehicles, sorted({*cast.order})
-    st.markdown(escape_markdown(source.origin))
+    st.markdown(f"##### {escape_markdown(source.origin)}")
     said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
     details = " ".join(filter(None, said))
     if recorded:

@@ -280,7 +280,7 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
         key=table,
         num_rows="dynamic",
         hide_index=True,
-        width=210 + 72 * (len(columns) - 1),
+        width=158 + 79 * (len(columns) - 1),
         column_config=columns,
     )
     choices[ROWS] = tuple(edited.itertuples(index=False, name=None))
@@ -303,9 +303,9 @@ def _columns(model: str) -> Mapping[str, Any]:
     following = FOLLOWING[model]
     number = st.column_config.NumberColumn
     parameters = OF_CTHP if following.is_linear else following.parameters
-    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=72) for p in parameters}
-    speed = number(format="%.6g", width=72, help="The speed at which the model is linearised.")
-    text = st.column_config.TextColumn(max_chars=40, width=160)
+    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=79) for p in parameters}
+    speed = number(format="%.6g", width=79, help="The speed at which the model is linearised.")
+    text = st.column_config.TextColumn(max_chars=40, width=126)
     return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
 
 
