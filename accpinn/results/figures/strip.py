@@ -133,6 +133,7 @@ def strip_html(strip: Strip) -> str:
     return template("figures/strip.html").render(
         strip=strip, rows=rows, gaps=gaps, growths=growths, glyphs=GLYPHS, trust=TRUST,
         one=growths.at(1.0), about=marks.meaning,
+        are_points=all(row.l2.is_point for row in strip.rows),
     )  # fmt: skip
 
 
