@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Awaitable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -96,6 +97,8 @@ class Load:
     async def _journey(self, browser: Browser, request: Request) -> None:
         await self._wait("first page", browser.open())
         await self._wait("upload", browser.upload("data_upload", request.name, request.content))
+        with suppress(LookupError):  # of one window alone there is nothing to choose
+            await browser.set("data_which", ("One window",))
         await self._wait("window", browser.set("data_start", request.start))
         await self._wait("window", browser.set("data_length", LENGTH))
         await self._wait("Train", browser.go("Train"))

@@ -335,13 +335,14 @@ def _show_adequacy(shown: _Shown) -> None:
     table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)
     show.downloads(table, f"{shown.stem}_model_forms", "compare_forms")
-    st.caption(
-        f"In the window {segment.window}. In brackets: the interval under that form, which holds if"
-        " the form does. Real controllers keep a distance at standstill and act with a lag and a"
-        " delay; a model without these terms shifts them into α, β and τ. The log density is that"
-        " of held-out time (the last third, under the form learned from the first two): prefer a"
-        " form in which both are clearly above 0. A lag or delay is at least"
-        f" {EXTRA['lag'].lower:g} s, so the likelihood with one can be below the CTHP's."
+    show.caption(
+        f"In the window {segment.window}: prefer a form in which both differences are clearly above"
+        " 0.",
+        "In brackets: the interval under that form, which holds if the form does. Real controllers"
+        " keep a distance at standstill and act with a lag and a delay; a model without these terms"
+        " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
+        " under the form learned from the first two). A lag or delay is at least"
+        f" {EXTRA['lag'].lower:g} s, so the likelihood with one can be below the CTHP's.",
     )
     _show_residual(shown, row)
     _show_disturbance(shown, row)
@@ -353,12 +354,12 @@ def _show_residual(shown: _Shown, row: Result) -> None:
     if found is None:
         return
     show.chart(figures.residual(found, shown.colour), "compare_residual")
-    st.caption(
-        f"Residual of dv/dt by {escape_markdown(name_of(row.estimate))}, in steps of a second."
-        f" Dashed: by chance alone, {100 * CONFIDENCE:.0f} % of the bars lie between. Left, bars"
-        " above: disturbances last; the first one below: noise of the measured speeds. Right, bars"
-        " beyond at lags above zero: the model lacks a part of the response to the car ahead, as a"
-        " delay."
+    show.caption(
+        f"Residual of dv/dt by {name_of(row.estimate)}. Dashed: by chance alone,"
+        f" {100 * CONFIDENCE:.0f} % of the bars lie between.",
+        "In steps of a second. Left, bars above: disturbances last; the first one below: noise of"
+        " the measured speeds. Right, bars beyond at lags above zero: the model lacks a part of the"
+        " response to the car ahead, as a delay.",
     )
 
 

@@ -104,8 +104,10 @@ def estimates(
     ticks, at = dict[float, str](), 0.0
     place = dict[int, float]()
     for model, members in groups.items():
-        # What stands behind the colon takes no line of its own in a wide window.
-        ticks[at], at = f"<b>{html.escape(group_title(model), quote=False)}</b>", at - 1
+        # A tick's label as long as a heading would leave a narrow screen's panels no room.
+        chart.words(f"<b>{html.escape(group_title(model), quote=False)}</b>", 0, at, xref="paper",
+                    yref="y", xanchor="left", yanchor="middle")  # fmt: skip
+        at -= 1
         for row in members:
             place[id(row)] = at
             ticks[at], at = html.escape(row.name).replace(" (", "<br>(", 1), at - 1

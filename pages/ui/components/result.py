@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.findings import capital
-from accpinn.methods.estimate import Outcome
+from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
@@ -21,6 +21,7 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import bundle
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
@@ -70,7 +71,7 @@ def show_result(
     checks = words.checks(description)
     about = words.about_estimate(description)
     true = words.about_truth(truth, estimate) if truth else ""
-    _show_outcome(estimate.outcome)
+    _show_outcome(estimate)
     strip = strip_of(description.vehicles, description)
     show_strip(
         strip, lambda: _show_cards(description), next_step, page,
@@ -171,12 +172,11 @@ def _choose_windows(workspace: Workspace) -> None:
     )  # fmt: skip
 
 
-def _show_outcome(outcome: Outcome) -> None:
+def _show_outcome(estimate: Estimate) -> None:
     """How a training ended that did not end by itself, above what it came to."""
-    if outcome is Outcome.DIVERGED:
-        st.error(outcome.value, icon=":material/error:")
-    elif outcome is Outcome.STOPPED:
-        st.warning(outcome.value, icon=":material/pause_circle:")
+    if estimate.outcome is Outcome.DIVERGED:
+        st.error(estimate.outcome.value, icon=":material/error:")
+    show.messages(unfinished(estimate), "warning", "pause_circle")
 
 
 def _show_checks(checks: Sequence[words.Check]) -> None:

@@ -193,7 +193,6 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     _show_buttons(workspace, snapshot, recording, title)
     _show_standing(workspace, snapshot, recording)
     show.not_acc(info)
-    show.messages(unfinished(snapshot.estimate), "warning", "pause_circle")
     whole = snapshot.found_in(recording)
     more = {
         "Verify": lambda: _show_verification(workspace, snapshot),

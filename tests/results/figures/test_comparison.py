@@ -49,7 +49,7 @@ def test_estimates_of_another_model_stand_apart_below_a_heading_of_their_own() -
     alike = figures.Row("Simulation", "cthp-s0-delay", np.array([1.2, 0.1, 0.3]))
     truth = Parameters(0.1, 0.3, 0.8, s0=5.0, delay=0.5)
     figure = figures.estimates([other, alike], COLOUR, first, truth)
-    headings = [text for text in figure.layout.yaxis.ticktext if text.startswith("<b>")]
+    headings = [note.text for note in figure.layout.annotations]
     assert headings == [f"<b>{figures.group_title(key)}</b>" for key in ("cthp-s0-delay", "cthp")]
     points = figure.data[0]
     places = dict(zip(points.customdata, points.y, strict=True))
