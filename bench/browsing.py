@@ -124,6 +124,8 @@ class Browser:
         polled = list(self._polled.items())
         for fragment, interval in polled:
             await asyncio.sleep(interval)
+            if fragment not in self._polled:  # the page was drawn anew by another one
+                continue
             message = self._message()
             message.rerun_script.fragment_id = fragment
             message.rerun_script.is_auto_rerun = True
