@@ -441,6 +441,7 @@ def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(
     expect(page.get_by_text("2 files: 2 windows")).to_be_visible()
     page.get_by_role("button", name="Start the batch").click()
     page.get_by_role("button", name="Stop", exact=True).wait_for()
+    idle(page)  # what is on the screen is kept once the page has run to its end
     page.reload()
     done = page.get_by_text("Done: 2 files, 2 recordings, 2 windows")
     done.wait_for(timeout=TRAINING_MS)
