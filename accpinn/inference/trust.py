@@ -36,7 +36,7 @@ class Trust(Finding, frozen=True):
     """Number of windows whose own time gap is within `ALIKE` of the estimate's at ``speed``; None
     where the method does not estimate each window by itself."""
     speed: MetresPerSecond
-    """At which the estimate states its time gap."""
+    """Speed at which the estimate states its time gap."""
     rmse: Metres
     """Error of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres

@@ -50,7 +50,7 @@ class Forecast:
         """Begin before the first of the phases, which are given by name in their order."""
         self._phases = dict(phases)
         self._name, self._first = "", (0.0, 0)
-        """Of the present phase: name, and seconds and iteration of its first moment."""
+        """Name of the present phase, and seconds and iteration of its first moment."""
         self._recent = deque[tuple[Seconds, int]]()
         """Seconds and iteration of its latest moments."""
         self._spent = self._typical = BEGINNING

@@ -61,7 +61,7 @@ class Row:
     number: int
     """In the file; 0 for all."""
     places: Sequence[int]
-    """Of these followers, 0 for the first."""
+    """Places of these followers, 0 for the first."""
     known: Known
     windows: tuple[Known, ...]
     """(K,) what each window alone says; empty where the method does not estimate that."""

@@ -168,7 +168,7 @@ class Comparison:
     learned: str = ""
     """From the recording."""
     deviation: str = ""
-    """Of what is learned from what is printed, or recomputed where nothing is printed."""
+    """Deviation of what is learned from what is printed, or recomputed where nothing is printed."""
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class Strip:
     leader: int
     """The leader's number in the recording, by which vehicles have their colours."""
     speed: MetresPerSecond
-    """At which the time gap is stated."""
+    """Speed at which the time gap is stated."""
     about: tuple[str, ...]
     """Method, model, windows, Case, and what an estimate without intervals is."""
 

@@ -52,7 +52,7 @@ class KnownVehicles:
     result: Result | None = None
     """The result that they are of; None for parameters that are published or typed in."""
     speed: MetresPerSecond | None = None
-    """At which they are linearised, where that is not each vehicle's median speed."""
+    """Speed at which they are linearised, where that is not each vehicle's median speed."""
     origin: str = ""
     """Where they come from, for a page's headline."""
     cars: tuple[tuple[Result, int], ...] = ()

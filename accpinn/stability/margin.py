@@ -120,7 +120,7 @@ class Margins(Displayed):
     speed: FloatArray
     """(M,) in m/s, at which the time gaps are taken."""
     level: float | None
-    """Of the intervals, whose ends are nan for a point without draws."""
+    """Level of the intervals, whose ends are nan for a point without draws."""
     vehicles: tuple[VehicleMargin, ...]
     platoon: Quantity | None = None
     """By how much all time gaps could be smaller with no frequency larger at the last follower than
@@ -210,7 +210,7 @@ def l2_headways(parameters: Parameters) -> Headways:
 
 
 def _of_lagged(parameters: Parameters) -> Headways:
-    """With a lag and no delay, in closed form."""
+    """Headways of vehicles with a lag and no delay, in closed form."""
     alpha, beta, lag = parameters.alpha, parameters.beta, parameters.lag
     size = beta**2 + 2.0 * alpha
     total = np.where(4.0 * lag**2 * size <= 1.0, np.sqrt(size), lag * size + 0.25 / lag)

@@ -43,7 +43,7 @@ class Axes:
     gaps: Axis
     growths: Axis
     speed: MetresPerSecond | None
-    """At which all time gaps are stated; None where they differ in it."""
+    """Speed at which all time gaps are stated; None where they differ in it."""
 
     @classmethod
     def of(cls, entries: Sequence[Entry]) -> "Axes":

@@ -243,7 +243,7 @@ class Curves:
     band: tuple[FloatArray, ...] = ()
     """(4, K) time, ends of the predicted gap, and the measured one, of each stretch with a band."""
     level: float = 0.0
-    """Of the band."""
+    """Level of the band."""
     about: str = ""
     """What is drawn beside the data."""
 

@@ -182,8 +182,9 @@ def _show_outcome(estimate: Estimate) -> None:
 def _show_checks(checks: Sequence[words.Check]) -> None:
     failing = sum(check.passed is False for check in checks)
     colour, icon = MARKS[not failing]
-    said = f"{failing} of {len(checks)} checks failed" if failing else "All checks passed"
-    with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
+    title = f"{failing} of {len(checks)} checks failed" if failing else "All checks passed"
+    about = "All cars together, every window: whether the estimate as a whole can be relied on."
+    with st.popover(f":{colour}[:material/{icon}:] {title}", key="checks", help=about):
         for check in checks:
             colour, icon = MARKS[check.passed]
             title = f"{check.title}: {ANSWERS[check.passed]}"
@@ -270,7 +271,7 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
     stem = Path(result.info.source).stem
 
     def everything() -> bytes:
-        """With the report as it was verified when the snapshot was kept here."""
+        """Make the file with everything, its report verified as the snapshot was here."""
         written = snapshot()
         return bundle(written, library().verification(written.id))
 

@@ -39,6 +39,7 @@ from accpinn.tasks import (
 )
 from pages.ui.session import resources
 from pages.ui.session.pending import Pending
+from pages.ui.session.resources import library
 
 Found = TypeVar("Found")
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
@@ -116,7 +117,7 @@ class Workspace:
     cars: dict[int, Task[Result]] = field(default_factory=dict)
     """Followers estimated alone, by their numbers in the open recording."""
     verifications: dict[str, Task[Verification]] = field(default_factory=dict)
-    """Of snapshots, by their short names."""
+    """Running and ended verifications of snapshots, by the snapshots' short names."""
     left: tuple["Left", ...] = ()
     """Trainings that go on although something else was opened or chosen, the latest last."""
     ended: tuple[str, ...] = ()
@@ -459,7 +460,7 @@ class Workspace:
 
     def verify(self, snapshot: Result, recording: Recording | None) -> None:
         """Queue the verification of a snapshot, also against its recording where that is given."""
-        task = verification_task(self.id, snapshot, recording, resources.library())
+        task = verification_task(self.id, snapshot, recording, library())
         self.verifications[snapshot.id] = self._submit(task)
 
     def use_models(self, models: Mapping[int, str]) -> None:
@@ -576,7 +577,7 @@ class Workspace:
         self._record([*self.compared, self.result])
         self.chosen_source = self.parameter_source
         if self.training:
-            self._let_go_on(self.training)
+            self._leave_running(self.training)
         for task in self._of_segment:
             if task is not self.training:
                 self.ended += (task.kind,) * task.is_active
@@ -595,7 +596,7 @@ class Workspace:
                 return True
         return False
 
-    def _let_go_on(self, task: Task[Result]) -> None:
+    def _leave_running(self, task: Task[Result]) -> None:
         """Put a training that runs or waits among those that were left."""
         if task.is_active and not task.is_stopping:
             task.kind = LEFT
@@ -630,7 +631,7 @@ class Workspace:
     def _leave_recording(self) -> None:
         """Forget the cars of the recording; the estimates that still run go on."""
         for task in self.cars.values():
-            self._let_go_on(task)
+            self._leave_running(task)
         self.cars = {}
 
     def _record(self, results: Sequence[Result | None]) -> None:
