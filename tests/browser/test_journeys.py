@@ -264,7 +264,7 @@ def test_the_network_bends_into_the_data_on_the_first_screen_soon_after_the_star
 ) -> None:
     page = opened("/Data")
     page.get_by_role("button", name="Open this sample").click()
-    page.get_by_role("button", name=re.compile("Train on")).wait_for()
+    page.get_by_role("button", name=re.compile("^Train on ")).wait_for()
     go(page, "Train")
     page.get_by_text("Paper", exact=True).click()
     idle(page)
