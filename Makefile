@@ -72,6 +72,10 @@ audit: $(VENV)/dev.stamp  ## ask for known weaknesses of the locked packages (ne
 samples: $(VENV)/app.stamp  ## write the recordings of sample_data again from their truth files
 	@$(BIN)/python -m accpinn.recordings.synthetic sample_data
 
+.PHONY: study
+study: $(VENV)/app.stamp  ## compute the supplied study again; RECORDINGS="FOLDER .." of OpenACC
+	@OMP_NUM_THREADS=1 $(BIN)/python -m accpinn.study.supplied $(RECORDINGS) sample_data/openacc_study
+
 .PHONY: screenshots
 screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (needs Chromium)
 	@$(BIN)/python -m tests.browser.screenshots $(ARGS)

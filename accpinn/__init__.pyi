@@ -68,6 +68,7 @@ from .segment.quality import label_regimes as label_regimes
 from .stability import StabilityReport as StabilityReport
 from .stability import stability_report as stability_report
 from .stability.criteria import transfer_function as transfer_function
+from .stability.margin import Margins as Margins
 from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
 from .study import Analysis as Analysis

@@ -19,7 +19,7 @@ from accpinn.errors import ConfigError, shown
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import OnProgress
 from accpinn.methods.pinn.config import DEFAULT
-from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.platoon import PlatoonRun
@@ -58,7 +58,7 @@ Data = Recording | Segment | Sequence[Segment]
 Windows = str | Sequence[Window | tuple[Seconds, Seconds]]
 """Several windows: "0-300,600-900", pairs of start and end in s, or "auto"."""
 _PREFIX = "synthetic_"
-"""What the file names of samples begin with."""
+"""Beginning of the file names of samples."""
 
 
 def sample_path(name: str) -> Path:
@@ -82,8 +82,8 @@ def sample_path(name: str) -> Path:
     stem = name.removesuffix(".csv")
     path = paths.get(stem) or paths.get(_PREFIX + stem)
     if path is None:
-        known = ", ".join(stem.removeprefix(_PREFIX) for stem in paths) or "none, as none are here"
-        raise ConfigError(f"name: {name[:40]} is no sample; choose {known}.")
+        names = ", ".join(stem.removeprefix(_PREFIX) for stem in paths) or "none, as none are here"
+        raise ConfigError(f"name: {name[:40]} is no sample; choose {names}.")
     return path
 
 
@@ -128,12 +128,12 @@ def analyse(
 
     Examples:
         >>> import accpinn
-        >>> asked = accpinn.analyse(accpinn.sample("motorway"), vehicles="1-2")
-        >>> asked.method, asked.spec.model, asked.settings["preset"]
+        >>> analysis = accpinn.analyse(accpinn.sample("motorway"), vehicles="1-2")
+        >>> analysis.method, analysis.spec.model, analysis.settings["preset"]
         ('pinn', 'cthp-s0-delay', 'calibrated')
     """
     key, config = _method(model, method, preset, settings, seed)
-    asked: dict[str, Any] = {
+    request: dict[str, Any] = {
         "case": case, "model": model, "fixed": fixed, "method": key, "settings": config,
     }  # fmt: skip
     if not isinstance(data, Recording):
@@ -144,14 +144,14 @@ def analyse(
         )  # fmt: skip
         segments = _segments(data)
         first = segments[0]
-        return analysis_of(segments, Analysis.of(_recorded(first), (), first.vehicles, **asked))
+        return analysis_of(segments, Analysis.of(_recorded(first), (), first.vehicles, **request))
     chosen: Sequence[Window] = single_window(
         0.0 if start is None else start, DURATION if duration is None else duration
     )
     if windows is not None:
         _refuse("the windows say where they lie", start=start, duration=duration)
         chosen = _windows(data, windows, vehicles)
-    return Analysis.of(data, chosen, vehicles, excluded=exclude, **asked)
+    return Analysis.of(data, chosen, vehicles, excluded=exclude, **request)
 
 
 def _method(
@@ -161,7 +161,7 @@ def _method(
     settings: Mapping[str, Any] | None,
     seed: int | None,
 ) -> tuple[str, Any]:
-    """The key of the method that is asked for, and its settings.
+    """The key of the requested method, and its settings.
 
     Raises:
         ConfigError: for an unknown name, or a setting that the method does not have.
@@ -174,7 +174,7 @@ def _method(
             )
     preset = changes.get("preset")
     if method is None:
-        method = recommended_method(model) if preset is None else "pinn"
+        method = recommended_method(model, preset)
     found = method_of(method)
     if method != found.key and preset not in (None, DEFAULT):  # an alias means a certain preset
         raise ConfigError(
@@ -226,7 +226,7 @@ def _segments(data: Segment | Sequence[Segment]) -> tuple[Segment, ...]:
 
 
 def _recorded(segment: Segment) -> Recording:
-    """A segment as a recording that has nothing else, which an analysis is checked against."""
+    """A segment as a recording, which an analysis is checked against."""
     return Recording(
         source=segment.source,
         sha256=segment.sha256,
@@ -310,7 +310,7 @@ def fit(
 
 
 def _progress(progress: bool | OnProgress) -> Any:
-    """A context that gives what is told of progress."""
+    """A context that gives the function to call with each `Progress`."""
     if isinstance(progress, bool):
         from accpinn.results.progress import progress_bar  # tqdm, for those who watch
 
@@ -366,7 +366,7 @@ def compare(
     """
     data = _data(source)
     for name in methods:
-        known_variant(name)
+        variant_key(name)
     analysis = analyse(
         data, start, duration, vehicles, windows=windows, case=case, model=model, fixed=fixed,
         exclude=exclude,
@@ -383,7 +383,7 @@ def judge(
     windows: Windows = AUTO,
     vehicles: str | Sequence[int] | None = None,
 ) -> Judgements:
-    """Which car-following model describes each car: each is judged in windows it has not seen.
+    """Judge which car-following model describes each car, in windows left out of its fit.
 
     Args:
         source: a CSV file, or what `read` made of it.
@@ -397,8 +397,8 @@ def judge(
     Examples:
         >>> import accpinn
         >>> recording = accpinn.sample("motorway")
-        >>> found = accpinn.judge(recording, ("cthp", "cthp-s0"), [(0, 60), (60, 120)], "1-2")
-        >>> found.to_frame().model.tolist()
+        >>> judgements = accpinn.judge(recording, ("cthp", "cthp-s0"), [(0, 60), (60, 120)], "1-2")
+        >>> judgements.to_frame().model.tolist()
         ['cthp-s0', 'cthp']
     """
     recording = _recording(source)
@@ -447,7 +447,7 @@ def simulate_platoon(
                 f"model: the result is of {parameters.estimate.model}; leave model out."
             )
         model = parameters.estimate.model
-    elif sets.own.size and model is None:
+    elif not sets.is_linear and model is None:
         raise ConfigError(
             "model: these parameters are of a model that is no CTHP; name it, or give the result."
         )
@@ -543,15 +543,15 @@ def verify(
         raise ConfigError(f"refit_within: {refit_within} is not allowed; choose 0 s or more.")
     snapshot_result = snapshot.load(content)
     if recording is None or isinstance(recording, Recording):
-        known = recording
+        data = recording
     else:  # as it was read then
         source = snapshot_result.analysis.source
-        known = _read(recording, source.trajectory, source.mapping)
-    return verification.verify(snapshot_result, known, refit_within=refit_within)
+        data = _read(recording, source.trajectory, source.mapping)
+    return verification.verify(snapshot_result, data, refit_within=refit_within)
 
 
 def _data(source: str | os.PathLike[str] | Data) -> Data:
-    """What is to be analysed, read from the file where a path is given."""
+    """The data to analyse, read from the file where a path is given."""
     if isinstance(source, Segment | Sequence) and not isinstance(source, str | bytes):
         return _segments(source)
     return _recording(source)

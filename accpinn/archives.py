@@ -1,9 +1,9 @@
-"""Zip archives from strangers, whose directories may say anything.
+"""Zip archives from untrusted sources, read within limits.
 
 A directory may announce a thousand bytes where a gigabyte follows, and hold a million entries. So
 entries are counted before the directory is read, and no member is inflated beyond one byte more
-than its reader takes, whatever size is announced. Members are stored or deflated: other methods
-inflate each piece as a whole, which no reader can bound.
+than its reader's limit, whatever size is announced. Members are stored or deflated: other methods
+inflate blocks as a whole, which cannot be bounded.
 """
 
 import io

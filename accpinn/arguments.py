@@ -1,9 +1,8 @@
-"""Arguments of public functions are held against their annotations before anything runs.
+"""Arguments of public functions are checked against their annotations before anything runs.
 
-`import accpinn` hands out every public function through `checked_function`, so whatever goes in
-wrongly ends as one `ConfigError` that names the argument, the value and what is allowed. Values and
-shapes are each function's own affair; this is about types alone. Numbers and arrays of numpy count
-as Python's.
+`import accpinn` wraps every public function in `checked_function`, so a wrong argument ends as one
+`ConfigError` that names the argument, the value and what is allowed. Only types are checked here;
+each function checks values and shapes. Numbers and arrays of numpy count as Python's.
 """
 
 import inspect
@@ -51,7 +50,7 @@ CURES = {
     "vehicles": 'consecutive numbers, leader first, as "1-2" or (1, 2)',
     "windows": 'pairs of start and end in s, as [(0, 300), (600, 900)], or "auto"',
 }
-"""What is allowed, by the argument's name, which means the same in every public function."""
+"""Allowed values by the argument's name, which means the same in every public function."""
 KINDS: dict[Any, str] = {
     str: "a text",
     int: "a whole number, as 0",
@@ -60,7 +59,7 @@ KINDS: dict[Any, str] = {
     bytes: "bytes",
     NoneType: "None",
 }
-"""What is allowed, by type, for other arguments."""
+"""Allowed values of other arguments, by type."""
 ALIASES = {"hold": "fixed", "leave_out": "exclude", "out": "path"}
 """Words of the command line and of older releases for an argument."""
 
@@ -70,7 +69,7 @@ class _Mismatch(Exception):
 
 
 def checked_function(function: Callable[P, R], name: str) -> Callable[P, R]:
-    """A public function that checks its arguments first; ``name`` is what users call it by."""
+    """A public function that checks its arguments first; ``name`` is its public name."""
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -115,19 +114,19 @@ def _checked(name: str, hint: Any, value: Any) -> Any:
 def _unbound(
     name: str, signature: inspect.Signature, given: Mapping[str, Any], fault: TypeError
 ) -> str:
-    """Why arguments do not fit a function, and what would."""
-    known = list(signature.parameters)
+    """The sentence for arguments that do not fit a function, with those that would."""
+    parameters = list(signature.parameters)
     for argument in given:
-        if argument not in known and "kwargs" not in known and "changes" not in known:
-            near = get_close_matches(argument, known, 1)
+        if not {argument, "kwargs", "changes"} & set(parameters):
+            near = get_close_matches(argument, parameters, 1)
             cure = ALIASES.get(argument, near[0] if near else "")
-            listed = cure if cure in known else f"from {', '.join(known)}"
+            listed = cure if cure in parameters else f"from {', '.join(parameters)}"
             return f"{argument}: {name} has no such argument; choose {listed}."
     return f"{name}: {fault}; help(accpinn.{name}) lists its arguments."
 
 
 def _kinds(hint: Any) -> str:
-    """What an annotation allows, in words."""
+    """Describe the values that an annotation allows."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         unit = args[1] if isinstance(args[1], str) else ""
@@ -231,7 +230,7 @@ def _items(kind: Any, args: Sequence[Any], value: Any) -> Any:
 
 
 def _array(value: Any) -> Any:
-    """What numpy takes as an array of numbers."""
+    """An array of numbers, as numpy reads it."""
     import numpy as np
 
     try:
@@ -244,7 +243,7 @@ def _array(value: Any) -> Any:
 
 
 def check_level(level: float) -> None:
-    """Refuse what is no level of an interval.
+    """Refuse a level of an interval that is not above 0 and below 1.
 
     Raises:
         ConfigError: naming the value.

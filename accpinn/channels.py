@@ -22,7 +22,7 @@ class Quantity:
     highest: float
     """The greatest plausible value."""
     column: str = ""
-    """Stem of the column name in an OpenACC file; empty for what is not recorded."""
+    """Stem of the column name in an OpenACC file; empty where it is not recorded."""
     possible: float = inf
     """A recorded value that is larger, of either sign, is a fault of the file."""
     key: str = ""

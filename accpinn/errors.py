@@ -1,4 +1,4 @@
-"""Faults of what the user gave: each message is one sentence with place, fault and cure."""
+"""Faults of the user's data, files and settings: one sentence with place, fault and cure."""
 
 
 def shown(value: object) -> str:

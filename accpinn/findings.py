@@ -1,4 +1,4 @@
-"""Findings: what a computation noticed and a reader should know, as data with a sentence.
+"""Findings: facts about data or results that a reader should know, with their sentences.
 
 Every room defines its findings beside the code that makes them. A finding holds numbers, names and
 vehicle numbers; `Finding.text` is the template of its sentence, in which each field stands in
@@ -17,7 +17,7 @@ Words = Mapping[str, object]
 
 
 class Labelled(Protocol):
-    """What a sentence is about: a recording, a segment or a segment's description."""
+    """The subject of a sentence: a recording, a segment or a segment's description."""
 
     @property
     def source(self) -> str:
@@ -32,8 +32,8 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
 
     text: ClassVar[str]
     """Template of the sentence, filled as `filled` says."""
-    each: ClassVar[str] = ""
-    """Template of what `{listed}` says of each of ``vehicles``, from its own of every tuple."""
+    item_text: ClassVar[str] = ""
+    """Template of an item of `{listed}`, filled for each vehicle with its part of tuples."""
 
     def sentence(self, about: Labelled) -> str:
         """The finding as a sentence; ``about`` names the recording and the vehicles."""
@@ -49,10 +49,10 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
         The fields `vehicle`, `vehicles` and `follower` are filled in as labels; vehicle 0 and None
         are "All followers". Tuples are listed as "α, β and τ", and the format "%" sets a space:
         `{share:.0%}` becomes "35 %"; `{share:percent}` is told as `percent` does. `{source}` is the
-        recording, `{listed}` has `each` vehicle.
+        recording, `{listed}` has `item_text` of each vehicle.
         """
         values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
-        if self.each:
+        if self.item_text:
             values["listed"] = self._listed(values, about)
         if "{vehicle}" in text:
             values["vehicle"] = who(values["vehicle"], about)
@@ -64,11 +64,11 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
 
     def _listed(self, values: Words, about: Labelled) -> str:
         parts = {name: part for name, part in values.items() if isinstance(part, tuple)}
-        said = []
+        items = []
         for k, number in enumerate(parts["vehicles"]):
-            own = {name: part[k] for name, part in parts.items() if k < len(part)}
-            said.append(_TEMPLATES.format(self.each, **own, vehicle=about.label(number)))
-        return ", ".join(said)
+            fields = {name: part[k] for name, part in parts.items() if k < len(part)}
+            items.append(_TEMPLATES.format(self.item_text, **fields, vehicle=about.label(number)))
+        return ", ".join(items)
 
 
 class _Templates(Formatter):
@@ -112,7 +112,7 @@ def probability(share: float) -> str:
 
 
 def p_value(p: float) -> str:
-    """The probability of what is seen, or more, by chance alone."""
+    """A p-value as in a sentence: the probability of such data, or more extreme, by chance."""
     return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
 
 
@@ -122,7 +122,7 @@ def spelled(count: int) -> str:
 
 
 def all_of(count: int, what: str) -> str:
-    """As "both followers" or "all three followers"."""
+    """All of some things in words: "both followers", "all three followers"."""
     return f"both {what}" if count == 2 else f"all {spelled(count)} {what}"
 
 

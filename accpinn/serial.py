@@ -71,7 +71,7 @@ def dump(value: Any) -> tuple[Any, Arrays]:
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
-    """What an object holds, by name or number; a tagged struct names its kind first."""
+    """Items of an object by name or number; a tagged struct names its kind first."""
     if isinstance(value, list | tuple):
         yield from ((str(k), item) for k, item in enumerate(value))
     elif isinstance(value, dict):
@@ -92,7 +92,7 @@ def _join(path: str, name: str) -> str:
 def restore(kind: type[T], tree: Any, arrays: Mapping[str, NDArray[Any]]) -> T:
     """The value of a tree and its arrays, as `dump` gives them.
 
-    Nothing is believed but what the types of the fields of its class allow.
+    Only values that the types of the fields allow are accepted.
 
     Raises:
         ValueError: for anything else, with the place, and for arrays that the tree does not name.
@@ -179,7 +179,7 @@ _UNSEEN = re.compile(
 
 
 def sanitise(tree: Any, lines: bool = False) -> Any:
-    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
+    """A tree of plain values without characters that control a terminal or a page."""
     if isinstance(tree, str):
         shown = _UNSEEN.sub("\ufffd", tree)
         return shown if lines else re.sub(r"[\t\n]+", " ", shown)

@@ -1,4 +1,4 @@
-"""Where the package keeps its files, and how it writes them: whole or not at all.
+"""Folders of the package's files, and writing that is complete or has no effect.
 
     with reported(lambda reason: SnapshotError(f"{path}: it could not be written ({reason}).")):
         write_whole(path, content)
@@ -85,9 +85,9 @@ def shipped(name: str) -> Path:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file to write that takes the place of ``path`` once the block has ended well.
+    """Open a file to write that replaces ``path`` once the block has ended without an error.
 
-    Its folder exists, and the user's umask says who may read it. Where the block or the disk fails,
+    Its folder must exist; the user's umask sets who may read it. Where the block or the disk fails,
     the temporary file is removed and the old one stays as it was.
 
     Raises:

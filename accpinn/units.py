@@ -30,7 +30,7 @@ def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value with its interval; nan where nothing is known."""
+    """A value with its interval; nan where it is unknown."""
 
     value: float
     lower: float
@@ -38,20 +38,20 @@ class Quantity:
 
     @property
     def is_inside(self) -> bool:
-        """Whether the value lies in its interval; one that is unknown does."""
+        """Whether the value lies in its interval, or is unknown."""
         return not (self.value < self.lower or self.value > self.upper)
 
 
 def nanmean(values: FloatArray) -> FloatArray:
     """Mean over the first axis ignoring nan; nan where all are."""
-    known = ~np.isnan(values)
-    counts = known.sum(axis=0)
-    sums = np.where(known, values, 0.0).sum(axis=0)
+    is_known = ~np.isnan(values)
+    counts = is_known.sum(axis=0)
+    sums = np.where(is_known, values, 0.0).sum(axis=0)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def known_deviation(values: FloatArray) -> FloatArray:
-    """The standard deviation over the first axis of what is not nan; nan where there is nothing."""
+def nanstd(values: FloatArray) -> FloatArray:
+    """Standard deviation over the first axis ignoring nan; nan where all are."""
     return np.asarray(np.sqrt(nanmean((values - nanmean(values)) ** 2)))
 
 
@@ -85,7 +85,7 @@ HUGE = 1e300
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper quantiles over the first axis of what is not nan; nan where most is.
+    """Lower and upper quantiles over the first axis ignoring nan; nan where most values are.
 
     An end among infinite values is infinite.
     """

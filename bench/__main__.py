@@ -1,4 +1,4 @@
-"""How fast everyday things are, beside the figures of the last release: `python -m bench`.
+"""Durations of everyday things beside those of the last release: `python -m bench`.
 
 Each part runs in a fresh process, so that memory and first calls are its own. The exit status is 1
 if a limit is not kept. OPENACC_DIR names the real recordings; page switches need Chromium, too.

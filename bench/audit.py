@@ -31,15 +31,15 @@ def locked(only_here: bool = False) -> list[Package]:
     """Each package with its version; of some Pythons another, and ``only_here`` this one's."""
     exact = [line for line in requirements(APP) if name_of(line) in BY_VERSION]
     lines = [line for path in (APP, DEV) for line in lock_of(path).read_text().splitlines()]
-    found: dict[Package, None] = {}
+    packages: dict[Package, None] = {}
     for line in (*exact, *lines):
         if not re.match(r"[\w.-]+==", line):
             continue
         requirement = Requirement(line.partition("\\")[0].strip())
         if not only_here or requirement.marker is None or requirement.marker.evaluate():
             [version] = requirement.specifier
-            found[name_of(requirement.name), version.version] = None
-    return list(found)
+            packages[name_of(requirement.name), version.version] = None
+    return list(packages)
 
 
 def advisories(packages: Sequence[Package], database: str) -> Iterator[tuple[Package, str]]:
@@ -66,7 +66,7 @@ def main() -> int:
     """Print a line for each advisory."""
     packages, database = locked(), os.environ.get(MIRROR_VARIABLE) or DATABASE
     try:
-        known = sorted(set(advisories(packages, database)))
+        listed = sorted(set(advisories(packages, database)))
     except (requests.RequestException, ValueError, KeyError, TypeError) as fault:
         print(
             f"Nothing was checked: {database} gave no answer ({type(fault).__name__}); try again"
@@ -74,10 +74,10 @@ def main() -> int:
             file=sys.stderr,
         )
         return 2
-    for (name, version), advisory in known:
+    for (name, version), advisory in listed:
         print(f"{name} {version}: {advisory}, see {DATABASE.replace('api.', '')}/{advisory}")
-    print(f"{len(packages)} packages checked, {len(known)} advisories.")
-    return 1 if known else 0
+    print(f"{len(packages)} packages checked, {len(listed)} advisories.")
+    return 1 if listed else 0
 
 
 if __name__ == "__main__":

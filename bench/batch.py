@@ -1,4 +1,4 @@
-"""What a batch costs, by its command.
+"""Time and memory of a batch, by its command.
 
 Each figure is a difference of two batches, one of many recordings and one of few, so that the start
 of the workers does not count. The recordings are copies of `sample_data`; each copy begins a little

@@ -26,7 +26,7 @@ PATIENCE: Seconds = 600.0
 Value = float | str | bool | tuple[str, ...]
 """Value of a field, a toggle or a row of segments."""
 FIELDS = {bool: "bool_value", str: "string_value"}
-"""Where a widget's state has values of a type; numbers are in `double_value`."""
+"""The field of a widget's state by the value's type; numbers are in `double_value`."""
 XSRF = "_streamlit_xsrf"
 
 
@@ -124,6 +124,8 @@ class Browser:
         polled = list(self._polled.items())
         for fragment, interval in polled:
             await asyncio.sleep(interval)
+            if fragment not in self._polled:  # the page was drawn anew by another one
+                continue
             message = self._message()
             message.rerun_script.fragment_id = fragment
             message.rerun_script.is_auto_rerun = True
@@ -232,6 +234,8 @@ class Browser:
         if delta.WhichOneof("type") != "new_element":
             for inner in [other for other in self.elements if other[: len(place)] == place]:
                 del self.elements[inner]
+            if delta.add_block.WhichOneof("type") == "popover":  # which opens as a widget
+                self.elements[place] = delta.add_block
             return
         self.elements[place] = delta.new_element
         if delta.new_element.WhichOneof("type") == "exception":

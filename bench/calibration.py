@@ -53,14 +53,14 @@ Ranks = NDArray[np.int64]
 DRAWS, BINS = 39, 10
 """Draws among which the truth has a rank from 0 to their number; bins of the histogram of ranks."""
 LEVEL = 0.01
-"""Of the test that all histograms are flat."""
+"""Significance level of the test that all histograms are flat."""
 FIRST = (35.0, 25.0, 25.0), (8.0, 3.0, 3.0)
 """Means and deviations of the first p in m, v and u in m/s."""
 WINDOW_DRAWS, ERROR = 400, 4.0
 """Draws a window that a population is sampled from, and how often the covariance of what a window
 leaves open is that between windows. With so much, the population counts."""
 NUISANCE = "s", "T", "T₂", "noise of p", "noise of v", "deviation of a"
-"""What else is unknown of a window, in the order of `COMMON`."""
+"""Names of a window's further unknowns, in the order of `COMMON`."""
 
 
 def drawn_parameters(form: Form, of_cars: bool, rng: np.random.Generator) -> FloatArray:
@@ -77,7 +77,9 @@ def drawn_parameters(form: Form, of_cars: bool, rng: np.random.Generator) -> Flo
         phi = centre + root @ rng.standard_normal(len(centre)) / stretch
         tau = np.exp(phi[2]) - (phi[3] / AT_SPEED if "s0" in terms else 0.0)
         if tau > 0.0:
-            others = [one.centre + one.spread * rng.standard_normal() for one in COMMON[3:]]
+            others = [
+                unknown.centre + unknown.spread * rng.standard_normal() for unknown in COMMON[3:]
+            ]
             z = np.array([phi[0], phi[0] + np.log(tau), phi[1], *others, *phi[3:]])
             if ((z >= lower) & (z <= upper)).all() and are_stable(form, z[None])[0]:
                 return z
@@ -86,8 +88,8 @@ def drawn_parameters(form: Form, of_cars: bool, rng: np.random.Generator) -> Flo
 def are_stable(form: Form, z: FloatArray) -> Mask:
     """(n,) whether a vehicle with coordinates (n, P) comes to rest behind one that does."""
     rates = state_space(form, natural(form, z), SPACING).rates.transpose(2, 0, 1)
-    own = [0, 1, *range(6, rates.shape[1])]
-    return np.asarray(np.linalg.eigvals(rates[:, own][:, :, own]).real.max(axis=1) < 0.0)
+    places = [0, 1, *range(6, rates.shape[1])]
+    return np.asarray(np.linalg.eigvals(rates[:, places][:, :, places]).real.max(axis=1) < 0.0)
 
 
 def simulated(model: StateSpace, samples: int, rng: np.random.Generator) -> Segment:
@@ -102,9 +104,9 @@ def simulated(model: StateSpace, samples: int, rng: np.random.Generator) -> Segm
     for now in states:
         state, now[:] = model.transition[..., 0] @ state + now, state
     values = states[:, :3] + rng.standard_normal((samples, 3)) * np.sqrt(model.noise[:, 0])
-    gap, own, ahead = values.T
+    gap, speed, ahead = values.T
     time = SPACING * np.arange(samples)
-    return segment_of(time, np.column_stack([ahead, own]), (gap + model.shift)[:, None])
+    return segment_of(time, np.column_stack([ahead, speed]), (gap + model.shift)[:, None])
 
 
 def ranks_of_window(seed: int, form: Form, of_cars: bool, duration: Seconds) -> Ranks:
@@ -157,31 +159,33 @@ def known_windows(
     Prior, as wide as windows of any car, and error of what is measured are normal.
     """
     error, prior = ERROR * population.windows, population.cars + 2.0 * population.windows
-    known, told = np.linalg.inv(error), np.linalg.inv(prior)
+    precision, prior_precision = np.linalg.inv(error), np.linalg.inv(prior)
     normal = partial(rng.multivariate_normal, np.zeros(len(error)))
-    covariance = np.linalg.inv(known + told)
-    means = ((phi + normal(error, len(phi))) @ known + population.centre @ told) @ covariance
+    covariance = np.linalg.inv(precision + prior_precision)
+    means = (
+        (phi + normal(error, len(phi))) @ precision + population.centre @ prior_precision
+    ) @ covariance
     drawn = means[:, None] + normal(covariance, (len(phi), count))
     away = drawn - population.centre
-    return drawn, -0.5 * np.einsum("kni,ij,knj->kn", away, told, away)
+    return drawn, -0.5 * np.einsum("kni,ij,knj->kn", away, prior_precision, away)
 
 
-def chances(found: Ranks) -> FloatArray:
+def chances(ranks: Ranks) -> FloatArray:
     """(Q,) p-values of flat histograms of the ranks (N, Q), by Neyman's smooth test.
 
     Under it the sums of the first two Legendre polynomials, of which one sees a slope and the other
     a U or a hill, are independent and normal.
     """
-    place = (2.0 * found + 1.0) / (DRAWS + 1) - 1.0
+    place = (2.0 * ranks + 1.0) / (DRAWS + 1) - 1.0
     slope = np.sqrt(3.0) * place
     bend = np.sqrt(5.0) * (1.5 * place**2 - 0.5)
     squares = slope.sum(axis=0) ** 2 + bend.sum(axis=0) ** 2
-    return np.asarray(chi2.sf(squares / len(found), 2))
+    return np.asarray(chi2.sf(squares / len(ranks), 2))
 
 
-def together(each: FloatArray) -> float:
+def together(probabilities: FloatArray) -> float:
     """The p-value of all tests (Q,) together, by Bonferroni's inequality."""
-    return min(1.0, len(each) * float(each.min()))
+    return min(1.0, len(probabilities) * float(probabilities.min()))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -198,22 +202,24 @@ def main(arguments: list[str] | None = None) -> int:
     symbols[2] = "time gap"
     if given.windows:
         population = population_of(given.model, len(symbols))
-        one = partial(ranks_of_population, population=population, windows=given.windows)
+        ranks_of = partial(ranks_of_population, population=population, windows=given.windows)
         names = [f"{of} {symbol}" for of in ("typical", "Σ of", "further") for symbol in symbols]
     else:
-        one = partial(
+        ranks_of = partial(
             ranks_of_window, form=given.model, of_cars=given.cars, duration=given.duration
         )
         names = [*symbols, *NUISANCE]
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        found = np.array(list(pool.map(one, range(given.recordings))))
+        ranks = np.array(list(pool.map(ranks_of, range(given.recordings))))
     print(", ".join(f"{name}: {value}" for name, value in vars(given).items()))
-    each = chances(found)
-    for name, column, chance in zip(names, found.T * BINS // (DRAWS + 1), each, strict=True):
+    probabilities = chances(ranks)
+    for name, column, chance in zip(
+        names, ranks.T * BINS // (DRAWS + 1), probabilities, strict=True
+    ):
         counts = np.bincount(column, minlength=BINS)
         print(f"  {name:20}{''.join(f'{count:4}' for count in counts)}   p = {chance:.3f}")
-    print(f"  all together: p = {together(each):.3f}, which is to be {LEVEL:g} or more")
-    return int(together(each) < LEVEL)
+    print(f"  all together: p = {together(probabilities):.3f}, which is to be {LEVEL:g} or more")
+    return int(together(probabilities) < LEVEL)
 
 
 if __name__ == "__main__":

@@ -74,13 +74,13 @@ def record(seed: int, disturbance: Disturbance, model: str = PAPER) -> dict[str,
     true = SETS[seed % len(SETS)]
     segment = disturbed([true], seed, disturbance)
     spec, methods = ModelSpec(model), METHODS_MEASURED if model == PAPER else METHODS_MEASURED[:1]
-    found = {name: METHODS[name].fit(segment, spec=spec) for name in methods}
+    fits = {name: METHODS[name].fit(segment, spec=spec) for name in methods}
     speed = float(np.median(segment.speeds[:, 1]))
     alone = window_posterior(segment, "II", spec)
     draws = coordinates_of(model).parameters(alone.drawn[0], speed)
     lower, upper = interval_ends(values(draws, speed), LEVEL)
     truth = values(Parameters(*true.values, disturbance.standstill), speed)
-    estimates = {name: values(one.parameters[0], speed) for name, one in found.items()}
+    estimates = {name: values(fit.parameters[0], speed) for name, fit in fits.items()}
     return {"truth": truth, "lower": lower, "upper": upper, **estimates}
 
 
@@ -101,8 +101,8 @@ def windows_of_car(
         for k, parameters in enumerate(driven)
     ]
     intercept = disturbance.standstill
-    known = Parameters(*typical, intercept), Parameters(*further.values, intercept)
-    return *known, segments
+    truths = Parameters(*typical, intercept), Parameters(*further.values, intercept)
+    return *truths, segments
 
 
 def car(seed: int, windows: int, disturbance: Disturbance, model: str) -> dict[str, FloatArray]:
@@ -112,14 +112,14 @@ def car(seed: int, windows: int, disturbance: Disturbance, model: str) -> dict[s
         (3,) each: the typical values, those of a further window, both ends of the intervals of
         both, and the joint estimate.
     """
-    *known, segments = windows_of_car(seed, windows, disturbance)
+    *truths, segments = windows_of_car(seed, windows, disturbance)
     speed = float(median_speeds(segments)[0])
-    found = {"joint": values(joint(segments, model)[0], speed)}
+    row = {"joint": values(joint(segments, model)[0], speed)}
     drawn = posterior(segments, model)
-    for name, truth, draws in zip(("typical", "further"), known, drawn, strict=True):
+    for name, truth, draws in zip(("typical", "further"), truths, drawn, strict=True):
         lower, upper = interval_ends(values(draws, speed), LEVEL)
-        found |= {name: values(truth, speed), f"{name} lower": lower, f"{name} upper": upper}
-    return found
+        row |= {name: values(truth, speed), f"{name} lower": lower, f"{name} upper": upper}
+    return row
 
 
 def measure(recordings: int, disturbance: Disturbance, model: str) -> Iterator[Measurement]:

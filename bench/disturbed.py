@@ -27,7 +27,7 @@ MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 
 @dataclass(frozen=True)
 class Disturbance:
-    """How the vehicles depart from the model."""
+    """The departure of vehicles from the model."""
 
     deviation: float = 0.25
     """Standard deviation of w in m/s²."""

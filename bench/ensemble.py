@@ -82,7 +82,7 @@ TERMS = (
     Unknown("s₀", 6.0, 6.0, -30.0, 60.0, is_plain=True),
     Unknown("d", 0.7, 0.4, 0.05, 3.0, is_plain=True),
 )
-"""Of the CTHP with an intercept and a delay, behind the others."""
+"""Unknowns of the CTHP with an intercept and a delay, behind the others."""
 LEAST, MOST = 1e-4, 10.0
 """Bounds of ατ."""
 
@@ -104,8 +104,8 @@ def log_density_of_window(model: str, series: FloatArray, step: Seconds) -> LogD
         inside &= (alpha_tau >= LEAST) & (alpha_tau <= MOST)
         log = np.full(len(x), -np.inf)
         log[inside] = -0.5 * (((x - middle) / spread) ** 2).sum(axis=1)[inside]
-        kept = values[inside]
-        parts = (alpha_tau[inside], kept, delay[inside], step)
+        beta = values[inside]
+        parts = (alpha_tau[inside], beta, delay[inside], step)
         shifted = series - s0[inside, None, None] * np.array([1.0, 0.0, 0.0])
         log[inside] += log_likelihood(shifted, *state_space(*parts))
         return log
@@ -145,8 +145,8 @@ def state_space(
         rates[:, rate, x], rates[:, rate, rate] = -12.0 / delay**2, -6.0 / delay
         rates[:, v, rate] = -12.0 / delay
         # At first x is about where a command at rest holds it, the command d²/12.
-        scale, known = delay**2 / 12.0, first[:, :3, :3]
-        tied = np.einsum("b,bi,bij->bj", scale, command, known)
+        scale, observed = delay**2 / 12.0, first[:, :3, :3]
+        tied = np.einsum("b,bi,bij->bj", scale, command, observed)
         first[:, x, :3] = first[:, :3, x] = tied
         first[:, x, x] = scale * np.einsum("bi,bi->b", tied, command) + (0.25 * scale) ** 2
         first[:, rate, rate] = (0.25 * delay / 6.0) ** 2
@@ -218,8 +218,8 @@ def log_density_of_population(
         inverse = np.linalg.inv(root)
         away = np.einsum("bij,wkbj->wkbi", inverse, drawn[:, :, None] - mean)
         distance = (away**2).sum(axis=-1)
-        each = -0.5 * (tails + p) * np.log1p(distance / tails) - logs.sum(axis=1)
-        log = logsumexp(each - log_prior[:, :, None], axis=1).sum(axis=0)
+        densities = -0.5 * (tails + p) * np.log1p(distance / tails) - logs.sum(axis=1)
+        log = logsumexp(densities - log_prior[:, :, None], axis=1).sum(axis=0)
         apart = mean - population.centre
         log -= 0.5 * np.einsum("bi,ij,bj->b", apart, between_cars, apart)
         log -= (2 * p + 5) * logs.sum(axis=1)
@@ -265,7 +265,7 @@ class Moments(NamedTuple):
 
     @classmethod
     def of(cls, drawn: FloatArray, weights: FloatArray | None = None) -> "Moments":
-        """Of draws (n, Q) with weights (n,), else of equal weight."""
+        """Moments of draws (n, Q) with weights (n,), by default of equal weight."""
         mean = np.average(drawn, axis=0, weights=weights)
         return cls(mean, np.sqrt(np.average((drawn - mean) ** 2, axis=0, weights=weights)))
 
@@ -281,15 +281,15 @@ def of_window(
     series, spec = series_of([segment], "II"), ModelSpec(model)
     (maximum,) = joint_maxima((segment,), "II", spec)
     others, of_unknowns = partial(of_others, spec), time_gap_coordinates(model).of_unknowns
-    own = [sample(series, (maximum,), spec, [seed], others)[0] for seed in range(SEEDS)]
+    posteriors = [sample(series, (maximum,), spec, [seed], others)[0] for seed in range(SEEDS)]
     log_density = log_density_of_window(model, series.measured[..., 0], series.step)
     # From beside the maximum, so from no draw of the package, and far from none.
     centre = np.append(of_unknowns(maximum.coordinates)[:3], maximum.coordinates[3:])
     start = centre + 0.02 * np.random.default_rng(0).standard_normal((walkers, len(centre)))
     drawn = walked(log_density, start, steps, left_out)
     of_phi = np.append([True] * 3, [False] * 6 + [True] * (len(centre) - 9))
-    every = np.concatenate([of_unknowns(one.coordinates) for one in own])
-    weights = np.concatenate([one.weights for one in own])
+    every = np.concatenate([of_unknowns(posterior.coordinates) for posterior in posteriors])
+    weights = np.concatenate([posterior.weights for posterior in posteriors])
     return Moments.of(every, weights), Moments.of(drawn[:, of_phi])
 
 
@@ -312,8 +312,8 @@ def of_population(
     value, root = mean_and_root(walked(log_density, start, steps, left_out), p)
     every = [sampled_population(drawn, log_prior, population, seed) for seed in range(SEEDS)]
     values, covariances = (np.concatenate(parts) for parts in list(zip(*every, strict=True))[:2])
-    own = np.append(values, np.log(np.einsum("nii->ni", covariances)), axis=1)
-    return Moments.of(own), Moments.of(np.append(value, np.log((root**2).sum(axis=2)), axis=1))
+    learned = np.append(values, np.log(np.einsum("nii->ni", covariances)), axis=1)
+    return Moments.of(learned), Moments.of(np.append(value, np.log((root**2).sum(axis=2)), axis=1))
 
 
 def measure(model: str, windows: int, duration: Seconds) -> Iterator[Measurement]:
@@ -325,20 +325,22 @@ def measure(model: str, windows: int, duration: Seconds) -> Iterator[Measurement
     symbols = [parameter.symbol for parameter in FOLLOWING[model].parameters]
     symbols[2] = "time gap"
     for number, segment in enumerate(segments):
-        own, other = of_window(model, segment, walkers=150, steps=1200, left_out=300)
-        yield from differences([f"{symbol}, window {number}" for symbol in symbols], own, other)
-    drawn = np.array([window_posterior(one, "II", ModelSpec(model)).likely[0] for one in segments])
+        ours, other = of_window(model, segment, walkers=150, steps=1200, left_out=300)
+        yield from differences([f"{symbol}, window {number}" for symbol in symbols], ours, other)
+    drawn = np.array(
+        [window_posterior(part, "II", ModelSpec(model)).likely[0] for part in segments]
+    )
     log_prior = log_prior_of_likely(ModelSpec(model), drawn)
     population = population_of(model, len(symbols))
     sizes = {"walkers": 60, "steps": 2000, "left_out": 400}
-    own, other = of_population(drawn, log_prior, population, **sizes)
+    ours, other = of_population(drawn, log_prior, population, **sizes)
     names = [*symbols, *(f"ln Σ of {symbol}" for symbol in symbols)]
-    yield from differences([f"{name}, population" for name in names], own, other)
+    yield from differences([f"{name}, population" for name in names], ours, other)
 
 
-def differences(names: Sequence[str], own: Moments, other: Moments) -> Iterator[Measurement]:
+def differences(names: Sequence[str], ours: Moments, other: Moments) -> Iterator[Measurement]:
     """The package's moments (Q,) beside those of the ensemble, by the names (Q,)."""
-    for what, values in zip(("mean", "deviation"), own.beside(other), strict=True):
+    for what, values in zip(("mean", "deviation"), ours.beside(other), strict=True):
         for name, value in zip(names, (100.0 * values).tolist(), strict=True):
             yield Measurement(
                 name=f"{what} of {name}", value=value, unit="%", at_most=LIMIT, at_least=-LIMIT

@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Awaitable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -45,7 +46,7 @@ LARGEST_MEGABYTES = 40.0
 
 @dataclass(frozen=True)
 class Request:
-    """What one user asks for."""
+    """The analysis that one user asks for."""
 
     name: str
     """Name of the recording and of the snapshot."""
@@ -65,8 +66,8 @@ class Request:
         analysis = Analysis.of(
             recording, single_window(self.start, LENGTH), settings=replace(FAST, seed=self.seed)
         )
-        found = [(result.infos, result.parameters) for result in (saved, run(analysis, recording))]
-        return found[0] == found[1]
+        pairs = [(result.infos, result.parameters) for result in (saved, run(analysis, recording))]
+        return pairs[0] == pairs[1]
 
 
 class Load:
@@ -96,6 +97,8 @@ class Load:
     async def _journey(self, browser: Browser, request: Request) -> None:
         await self._wait("first page", browser.open())
         await self._wait("upload", browser.upload("data_upload", request.name, request.content))
+        with suppress(LookupError):  # of one window alone there is nothing to choose
+            await browser.set("data_which", ("One window",))
         await self._wait("window", browser.set("data_start", request.start))
         await self._wait("window", browser.set("data_length", LENGTH))
         await self._wait("Train", browser.go("Train"))
@@ -153,8 +156,10 @@ def measure(place: Path, users: int, pause: Seconds) -> Iterator[Measurement]:
         asyncio.run(first.journeys(1, 1))
         asyncio.run(load.journeys(users))
         yield from load.times()
-        each = (load.memory - first.memory) / users
-        yield Measurement(name="memory a user", value=each, unit="MB", at_most=LARGEST_MEGABYTES)
+        megabytes = (load.memory - first.memory) / users
+        yield Measurement(
+            name="memory a user", value=megabytes, unit="MB", at_most=LARGEST_MEGABYTES
+        )
         process = psutil.Process(server.process.pid)
         yield Measurement(name="threads", value=process.num_threads(), unit="")
         yield Measurement(name="open files", value=process.num_fds(), unit="")

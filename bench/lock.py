@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 APP, DEV = ROOT / "requirements.txt", ROOT / "requirements-dev.txt"
 SIGN_IN = "streamlit[auth]"
-"""What a server needs that asks its users to sign in."""
+"""Packages of a server that asks its users to sign in."""
 BY_VERSION = ("torch",)
 """Packages without hashes."""
 
@@ -29,9 +29,9 @@ def lock_of(path: Path) -> Path:
 def requirements(path: Path) -> list[str]:
     """The requirements in a file and those it includes, without comments."""
     lines = [line.partition("#")[0].strip() for line in path.read_text().splitlines()]
-    own = [line for line in lines if line and not line.startswith("-")]
+    listed = [line for line in lines if line and not line.startswith("-")]
     included = [line.removeprefix("-r ") for line in lines if line.startswith("-r ")]
-    return own + [line for name in included for line in requirements(path.parent / name)]
+    return listed + [line for name in included for line in requirements(path.parent / name)]
 
 
 def name_of(requirement: str) -> str:
@@ -65,8 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
             command.append(f"--constraints={lock_of(APP).name}")
         if options.upgrade:
             command.append("--upgrade")
-        asked = "\n".join(to_lock(path))
-        if subprocess.run(command, input=asked, text=True, cwd=ROOT, check=False).returncode:
+        requested = "\n".join(to_lock(path))
+        if subprocess.run(command, input=requested, text=True, cwd=ROOT, check=False).returncode:
             return 1
     return 0
 

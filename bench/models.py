@@ -1,4 +1,4 @@
-"""Which car-following model describes a car in other windows? `python -m bench.models FOLDER`.
+"""Car-following models compared on left-out windows: `python -m bench.models FOLDER`.
 
 Every follower of every recording is judged by itself, as `compare --models` does: each model is
 fitted by closed-loop simulation. Windows, reference and means are those of `bench.prediction`: the
@@ -37,7 +37,7 @@ from bench.prediction import (
 
 
 class Judged(NamedTuple):
-    """How some models do in the K windows of one follower."""
+    """Errors of several models in the K windows of one follower."""
 
     judgement: Judgement
     reference: FloatArray
@@ -65,11 +65,11 @@ def main() -> None:
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         every = list(pool.map(partial(judged, models=models), *given))
     cars = [car[:2] for car in followers for _ in windows[car]]
-    reference = np.concatenate([one.reference for one in every])
-    two = np.concatenate([one.two for one in every], axis=1)
+    reference = np.concatenate([car.reference for car in every])
+    two = np.concatenate([car.two for car in every], axis=1)
     more = np.isfinite(two[0])
-    chosen = [car for car, kept in zip(cars, more, strict=True) if kept]
-    judgements = [one.judgement for one in every]
+    chosen = [car for car, has_more in zip(cars, more, strict=True) if has_more]
+    judgements = [car.judgement for car in every]
     scores = [[judgement.scores[k] for judgement in judgements] for k in range(len(models))]
     errors = np.array([np.concatenate([score.rmse for score in of]) for of in scores])
     print(f"{len(cars)} windows of {len(set(cars))} cars; with three other windows or more")

@@ -1,4 +1,4 @@
-"""How long a switch of pages takes in a browser, on a warm server with a trained recording.
+"""Duration of a switch of pages in a browser, on a warm server with a trained recording.
 
 Each switch is timed from the click in the sidebar until the script has ended and the page's chart
 is drawn.
@@ -22,7 +22,7 @@ PAGES = {
     "Data": "data_overview",
     "Train": "train_tracking",
     "Stability": "stability_bode",
-    "Platoon": "platoon_amplitude",
+    "Platoon": "platoon_growth",
     "Snapshots": "",
 }
 """Pages and the key of the chart that is waited for; empty if the page has none."""

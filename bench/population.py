@@ -1,4 +1,4 @@
-"""What the recordings teach about how parameters differ: `python -m bench.population FOLDER`.
+"""Variation of parameters between cars and windows: `python -m bench.population FOLDER`.
 
 Every car's windows in car-following under ACC are estimated by themselves. Then, for each model,
 the centre m and spread S of the cars and the usual scale Σ₀ between windows of a car (see
@@ -36,7 +36,7 @@ ROUNDS = 8
 START = (0.4, 0.4, 0.1), {"s0": 3.0, "lag": 0.2, "delay": 0.2}
 """Deviations between windows of ln α, ln β, ln G and of the terms, to begin with."""
 START_OTHERS = 0.5
-"""The same of the parameters of other models, in deviations of their priors."""
+"""Deviations between windows of the parameters of other models, in those of their priors."""
 
 
 def windows_of(
@@ -62,7 +62,7 @@ def learn(
     """The population of cars, each of which is known by draws (K, n, p) under a prior (K, n)."""
     cthp = [*START[0], *(START[1][term] for term in FOLLOWING[model].terms)]
     following = FOLLOWING[model]
-    others = following.own_count * [START_OTHERS]
+    others = following.nonlinear_count * [START_OTHERS]
     between = np.diag(cthp if following.is_linear else others) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)

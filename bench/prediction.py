@@ -75,7 +75,7 @@ Estimator = Callable[[Windows, str], Parameters]
 Drive = Callable[[Segment], FloatArray]
 """The gap (N, 1) in m that is predicted in a window (N,)."""
 Predictor = Callable[[Windows], Drive]
-"""What some windows of a follower predict."""
+"""Predictor of a follower's gap from some of its windows."""
 Inside = dict[str, list[float]]
 """Whether values lie in their intervals, 0 or 1, by the quantity's name; nan for an unknown one."""
 
@@ -104,9 +104,9 @@ def posterior(windows: Windows, model: str) -> tuple[Parameters, Parameters]:
 
 def estimated(windows: Windows, model: str) -> Estimate:
     """The recommended estimate of a model from some windows, with its posterior."""
-    asked = Analysis(Source(windows[0].source, "", None, ""), windows[0].vehicles, ())
-    asked = replace(asked, spec=ModelSpec(model)).with_method(recommended_method(model))
-    return estimate(replace(asked, windows=tuple(w.window for w in windows)), tuple(windows))
+    analysis = Analysis(Source(windows[0].source, "", None, ""), windows[0].vehicles, ())
+    analysis = replace(analysis, spec=ModelSpec(model)).with_method(recommended_method(model))
+    return estimate(replace(analysis, windows=tuple(w.window for w in windows)), tuple(windows))
 
 
 def joint(windows: Windows, model: str) -> Parameters:
@@ -117,8 +117,8 @@ def joint(windows: Windows, model: str) -> Parameters:
 def constant_time_gap(windows: Windows) -> Drive:
     """The median time gap of the windows at the speed ahead."""
     gaps = [window.gaps / np.maximum(window.speeds[:, 1:], 1.0) for window in windows]
-    kept = np.median(np.concatenate(gaps))
-    return lambda window: np.asarray(kept * window.speeds[:, :1])
+    time_gap = np.median(np.concatenate(gaps))
+    return lambda window: np.asarray(time_gap * window.speeds[:, :1])
 
 
 def driven(estimator: Estimator, model: str, windows: Windows) -> Drive:
@@ -126,8 +126,8 @@ def driven(estimator: Estimator, model: str, windows: Windows) -> Drive:
     parameters = estimator(windows, model)
 
     def gaps(window: Segment) -> FloatArray:
-        ahead, own = window.speeds.T
-        return simulate(model, parameters, window.time, ahead, own[:1], window.gaps[0]).gaps
+        ahead, speed = window.speeds.T
+        return simulate(model, parameters, window.time, ahead, speed[:1], window.gaps[0]).gaps
 
     return gaps
 
@@ -147,7 +147,7 @@ POSTERIORS = BEST, "idm"
 class Errors(NamedTuple):
     """RMSE of the gap in m in the K windows of a follower, by parameters from one source."""
 
-    one: FloatArray
+    by_one: FloatArray
     """(K, K) in window k by the parameters of window j alone; the window's own on the diagonal."""
     two: FloatArray
     """(K,) the geometric mean over pairs of adjacent windows without k; nan with less than four."""
@@ -157,54 +157,56 @@ class Errors(NamedTuple):
     """(K,) by all windows together."""
 
     @property
-    def own(self) -> FloatArray:
+    def by_itself(self) -> FloatArray:
         """(K,) by the window itself."""
-        return np.asarray(np.diag(self.one))
+        return np.asarray(np.diag(self.by_one))
 
     @property
     def one_other(self) -> FloatArray:
         """(K,) the geometric mean over each single other window."""
-        logarithms = np.log(self.one)
+        logarithms = np.log(self.by_one)
         np.fill_diagonal(logarithms, np.nan)
         return np.asarray(np.exp(np.nanmean(logarithms, axis=1)))
 
 
 class Scored(NamedTuple):
-    """What the windows and the stretches of one follower in one recording gave."""
+    """Errors and coverage in the windows and stretches of one follower in one recording."""
 
     car: Car
     windows: list[Segment]
     errors: dict[str, Errors]
-    """By source; empty with one window."""
+    """Errors by source; empty with one window."""
     gains: dict[str, list[FloatArray]]
-    """By source rms and peak error in dB, and log-likelihood above the CTHP's, of each stretch."""
+    """Rms and peak error in dB, and log-likelihood above the CTHP's, by source, of each stretch."""
     further: dict[str, Inside]
-    """By model and quantity, whether each left-out window is in the interval from the others."""
+    """Coverage of left-out windows by the interval from the others, by model and quantity."""
     typical: dict[str, Inside]
-    """By model and quantity, whether the joint estimate of all windows is in its own interval."""
-    own: FloatArray
+    """Coverage of the joint estimate of all windows by its interval, by model and quantity."""
+    points: FloatArray
     """(K, 6) estimates of the windows under the default model."""
     drawn: FloatArray
-    """(K, n, p) its posterior draws."""
+    """(K, n, p) posterior draws of the windows under the default model."""
 
 
 def score(car: Car, windows: Windows, stretches: Windows) -> Scored:
     """Score the parameters of one follower in one recording."""
-    known = [window for window in windows if determined_followers([window], "II")]
-    posteriors = [window_posterior(window, "II", ModelSpec(BEST)) for window in known]
-    several = len(known) > 1
+    determined = [window for window in windows if determined_followers([window], "II")]
+    posteriors = [window_posterior(window, "II", ModelSpec(BEST)) for window in determined]
+    several = len(determined) > 1
     gains = defaultdict[str, list[FloatArray]](list)
     for stretch in stretches:
-        within = [part for part in known if stretch.start <= part.start < stretch.window.end]
+        within = [part for part in determined if stretch.start <= part.start < stretch.window.end]
         for row, figures in _gains(stretch, within):
             gains[row].append(figures)
     return Scored(
         car,
-        known,
-        {name: errors_of(known, source) for name, source in SOURCES.items()} if several else {},
+        determined,
+        {name: errors_of(determined, source) for name, source in SOURCES.items()}
+        if several
+        else {},
         gains,
-        {model: further_inside(known, model) for model in POSTERIORS} if several else {},
-        {model: typical_inside(known, model) for model in POSTERIORS} if several else {},
+        {model: further_inside(determined, model) for model in POSTERIORS} if several else {},
+        {model: typical_inside(determined, model) for model in POSTERIORS} if several else {},
         np.array([part.estimates[0] for part in posteriors]),
         np.array([part.drawn[0] for part in posteriors]),
     )
@@ -237,12 +239,12 @@ def errors_by(windows: Windows, source: Predictor) -> Callable[..., FloatArray]:
 
 def errors_of(windows: Windows, source: Predictor) -> Errors:
     """The errors in each window by the source's parameters from some of them."""
-    each, by = range(len(windows)), errors_by(windows, source)
+    indices, by = range(len(windows)), errors_by(windows, source)
     return Errors(
-        np.stack([by(k) for k in each], axis=1),
+        np.stack([by(k) for k in indices], axis=1),
         two_others(len(windows), by),
-        np.array([by(*(j for j in each if j != k))[k] for k in each]),
-        by(*each),
+        np.array([by(*(j for j in indices if j != k))[k] for k in indices]),
+        by(*indices),
     )
 
 
@@ -280,13 +282,13 @@ def print_prediction(runs: Sequence[Scored]) -> None:
 
     reference, best = of_all(REFERENCE, "one_other"), of_all(JOINT, "others")
     more = np.isfinite(of_all(REFERENCE, "two"))
-    chosen = [car for car, kept in zip(cars, more, strict=True) if kept]
+    chosen = [car for car, has_more in zip(cars, more, strict=True) if has_more]
     print(f"{len(cars)} windows of {len(set(cars))} cars; with three other windows or more")
     print(f"{len(chosen)} windows of {len(set(chosen))} cars\n")
     print("| parameters | median [m] | all others | own fit | one | two | more | ln RMSE - joint |")
     for name in SOURCES:
         others = of_all(name, "others")
-        cells = [ratio(cars, of_all(name, part), reference) for part in ("others", "own")]
+        cells = [ratio(cars, of_all(name, part), reference) for part in ("others", "by_itself")]
         for part in ("one_other", "two", "others"):
             cells.append(ratio(chosen, of_all(name, part)[more], reference[more]))
         mean, error = over_cars(cars, np.log(others / best))
@@ -296,11 +298,11 @@ def print_prediction(runs: Sequence[Scored]) -> None:
     for name in JOINTS:
         for run in runs:
             errors = run.errors[name]
-            parts = errors.others, errors.one_other, errors.own
-            for window, error, one, own in zip(run.windows, *parts, strict=True):
-                if error > MISSED * min(one, own):
+            parts = errors.others, errors.one_other, errors.by_itself
+            for window, error, by_one, by_itself in zip(run.windows, *parts, strict=True):
+                if error > MISSED * min(by_one, by_itself):
                     where = f"{_named(run.car)}, {window.window}"
-                    print(f"| {name} | {where} | {error:.2f} | {one:.2f} | {own:.2f} |")
+                    print(f"| {name} | {where} | {error:.2f} | {by_one:.2f} | {by_itself:.2f} |")
 
 
 def _named(car: Car) -> str:
@@ -317,7 +319,7 @@ def print_whole(runs: Sequence[Scored]) -> None:
             errors = run.errors[name]
             lengths = np.array([window.counts.sum() for window in run.windows])
             whole = np.sqrt(np.average(errors.whole**2, weights=lengths))
-            single = np.sqrt(np.average(errors.one**2, axis=0, weights=lengths))
+            single = np.sqrt(np.average(errors.by_one**2, axis=0, weights=lengths))
             shares.append(whole <= single.min())
             if not shares[-1]:
                 window = run.windows[int(single.argmin())].window
@@ -336,8 +338,8 @@ def print_whole(runs: Sequence[Scored]) -> None:
 def _gains(stretch: Segment, within: Windows) -> Iterator[tuple[str, FloatArray]]:
     """Rows of the table, where the gain is measured at enough frequencies."""
     measured = measured_gain(stretch, 0)
-    kept = compared(measured)
-    omega, reference = measured.omega[kept], decibels(measured.gain[kept])
+    compared_at = compared(measured)
+    omega, reference = measured.omega[compared_at], decibels(measured.gain[compared_at])
     if len(omega) < LEAST or not within:
         return
 
@@ -399,8 +401,8 @@ def further_inside(windows: Windows, model: str) -> Inside:
     scored = list[Inside]()
     for window in windows:
         _, further = posterior([other for other in windows if other is not window], model)
-        own, speed = joint([window], model), float(median_speeds([window])[0])
-        scored.append(inside(model, own, further, speed) | gap_inside(model, window, further))
+        point, speed = joint([window], model), float(median_speeds([window])[0])
+        scored.append(inside(model, point, further, speed) | gap_inside(model, window, further))
     return merged(scored)
 
 
@@ -417,7 +419,7 @@ def merged(parts: Iterable[Inside]) -> Inside:
 
 
 def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[list[Inside]]:
-    """The same of the default model for a car's windows, by a population without the car.
+    """Coverage of a car's windows under the default model, by a population without the car.
 
     The second of each also holds the sampling error of the window's own estimate.
     """
@@ -433,12 +435,12 @@ def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[list[Inside]]:
         for k, window in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)
             sampled = sampled_population(others, space.log_prior(others), population)
-            own, speed = Parameters.of(run.own[k][None]), float(median_speeds([window])[0])
+            point, speed = Parameters.of(run.points[k][None]), float(median_speeds([window])[0])
             errors = rng.choice(away, len(sampled.further))
             pair = list[Inside]()
             for phi in (sampled.further, sampled.further + errors):
                 further = space.parameters(phi, speed)
-                pair.append(inside(BEST, own, further, speed) | gap_inside(BEST, window, further))
+                pair.append(inside(BEST, point, further, speed) | gap_inside(BEST, window, further))
             scored.append(pair)
     return scored
 

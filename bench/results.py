@@ -1,4 +1,4 @@
-"""How long stability, platoons and the report of a result take.
+"""Durations of stability, platoons and the report of a result.
 
 No recording is needed: the vehicles are those of Table III of the paper, AstaZero's four and
 Vicolungo's three, the first three of them twice; the report is that of a sample.

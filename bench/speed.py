@@ -1,4 +1,4 @@
-"""How long the methods take on real recordings, and how far the fast preset gets.
+"""Durations of the methods on real recordings, and the fast preset's distance from its limit.
 
 A user waits for the recommended estimate, of one window and of all in car-following, first for its
 point and then for its intervals, and for the comparison of all methods. The parameters of the fast
@@ -19,7 +19,7 @@ import numpy as np
 import torch  # noqa: F401 (loaded before the first call is timed)
 
 from accpinn.channels import PARAMETERS
-from accpinn.inference.window_posterior import sampled, window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Estimate
 from accpinn.methods.pinn.config import FAST
@@ -73,13 +73,13 @@ def training(case: BenchCase, folder: Path) -> Iterator[Measurement]:
     """Time the fast preset, and measure its distance from the limit of the loss."""
     segment = case.segment(folder)
     limit = METHODS["splines"].fit(segment, case.case).parameters.values
-    found = deque[Estimate](maxlen=1)  # of which memory need not hold more
-    once = partial(spent_on, lambda: found.append(METHODS["pinn"].fit(segment, case.case, FAST)))
+    latest = deque[Estimate](maxlen=1)  # of which memory need not hold more
+    once = partial(spent_on, lambda: latest.append(METHODS["pinn"].fit(segment, case.case, FAST)))
     yield timed("first call", once, rounds=1)
     yield timed("fast preset", once, case.fast_limit)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     in_megabytes = 1e6 if sys.platform == "darwin" else 1e3
-    distance = 100 * np.abs(found[0].parameters.values / limit - 1).max(0)
+    distance = 100 * np.abs(latest[0].parameters.values / limit - 1).max(0)
     for quantity, percent in zip(PARAMETERS, distance, strict=True):
         name = f"{quantity.symbol}, from the limit of the loss"
         yield Measurement(name=name, value=float(percent), unit="%")
@@ -109,8 +109,7 @@ def several_windows(folder: Path) -> Iterator[Measurement]:
     windows, points = car_following(recording), list[Seconds]()
 
     def once() -> Spent:
-        for remembered in (window_posterior, sampled):
-            remembered.cache_clear()
+        window_posterior.cache_clear()
         started = perf_counter()
         context = TaskContext(on_estimate=lambda _: points.append(perf_counter() - started))
         analysis = Analysis.of(recording, windows)
@@ -121,9 +120,9 @@ def several_windows(folder: Path) -> Iterator[Measurement]:
 
 
 def _estimated(case: BenchCase, segment: Segment) -> None:
-    asked = Analysis(Source(segment.source, segment.sha256, None, segment.info.digest),
+    analysis = Analysis(Source(segment.source, segment.sha256, None, segment.info.digest),
                      segment.vehicles, (segment.window,), case.case)  # fmt: skip
-    assert estimate(asked, (segment,)).posterior
+    assert estimate(analysis, (segment,)).posterior
 
 
 def _compare_all(case: BenchCase, folder: Path, segment: Segment) -> None:

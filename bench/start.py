@@ -1,4 +1,4 @@
-"""How long one waits for the package, for a command, and for the app's first page.
+"""Durations until the package, a command and the app's first page are ready.
 
 Each is started in a process of its own.
 """

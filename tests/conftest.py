@@ -97,14 +97,11 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> I
 
 
 @pytest.fixture
-def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the forms of the model only the CTHP, where the others take time and are not looked at."""
     from accpinn.inference import model_adequacy
 
     monkeypatch.setattr(model_adequacy, "FORMS", ("cthp",))
-    model_adequacy.model_forms.cache_clear()
-    yield
-    model_adequacy.model_forms.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -78,7 +78,7 @@ class TestPrediction:
     def test_a_left_out_window_is_predicted_by_the_others_alone(self) -> None:
         errors = prediction.errors_of(self.WINDOWS, self.known)
         for part, value in (
-            ("own", 1.0), ("whole", 1.0), ("one_other", 3.0), ("two", 4.0), ("others", 6.0)
+            ("by_itself", 1.0), ("whole", 1.0), ("one_other", 3.0), ("two", 4.0), ("others", 6.0)
         ):  # fmt: skip
             assert getattr(errors, part) == pytest.approx(np.full(5, value)), part
 
@@ -89,7 +89,7 @@ class TestPrediction:
         one = np.array([[7.0, 1.0, 4.0], [3.0, 7.0, 3.0], [2.0, 8.0, 7.0]])
         errors = prediction.Errors(one, *np.full((3, 3), np.nan))
         assert errors.one_other == pytest.approx([2.0, 3.0, 4.0])
-        assert errors.own == pytest.approx([7.0, 7.0, 7.0])
+        assert errors.by_itself == pytest.approx([7.0, 7.0, 7.0])
 
     def test_each_car_counts_once(self) -> None:
         cars = [("A", "x")] * 3 + [("B", "x")]

@@ -104,3 +104,9 @@ def test_lists_and_probabilities() -> None:
     assert [joined(["α", "β", "τ"][:count]) for count in (0, 1, 3)] == ["", "α", "α, β and τ"]
     shown = [probability(share) for share in (0.005, 0.5, 1.0)]
     assert shown == ["under 1 %", "50 %", "over 99 %"]
+
+
+def test_a_driver_is_named_of_the_vehicles_in_question_alone() -> None:
+    found = DrivenByHand((2, 3), (0.5, 1.0), by_flag=True)
+    assert found.among([3, 5]) == DrivenByHand((3,), (1.0,), by_flag=True)
+    assert found.among([4]) is None

@@ -15,7 +15,7 @@ from textwrap import fill
 from typing import Any, NoReturn
 
 from accpinn import __version__
-from accpinn.cli.output import complain, flush, open_streams, show
+from accpinn.cli.output import flush, open_streams, print_error, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
@@ -34,9 +34,9 @@ COMMANDS = {
     "export": ("files", "parameters of a snapshot for other programs"),
     "app": ("app", "start the app in the browser"),
 }
-"""The module of each, and its meaning.
+"""The module of each command, and its meaning.
 
-The module has `NAME_OPTIONS`, `run_NAME(options)`, and where there is more to say `NAME_HELP`.
+The module has `NAME_OPTIONS`, `run_NAME(options)`, and for a longer help `NAME_HELP`.
 """
 
 CONVENTIONS = (
@@ -61,20 +61,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             flush()
     except AccpinnError as fault:
-        complain(str(fault))
+        print_error(str(fault))
         return 2 if isinstance(fault, ConfigError | ParameterError) else 1
     except BrokenPipeError:  # the reader, `head` say, has seen enough
         return 0
     except OSError as fault:  # files have sentences of their own; this is a stream that is full
         reason = (fault.strerror or "unknown").lower()
-        complain(f"{fault.filename or 'standard output'}: it cannot be written ({reason}).")
+        print_error(f"{fault.filename or 'standard output'}: it cannot be written ({reason}).")
         return 1
     except KeyboardInterrupt:
         return 130
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Commands that are not asked for have a name only: what they import takes seconds."""
+    """The parser; only the commands among the arguments are imported, which takes seconds."""
     parser = _Parser(
         prog="python -m accpinn" if Path(sys.argv[0]).name == "__main__.py" else "accpinn",
         description="Learn the parameters of adaptive cruise control from OpenACC recordings.",
@@ -110,15 +110,15 @@ class _Parser(argparse.ArgumentParser):
         self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
 
     def parse_known_args(self, *given: Any, **more: Any) -> Any:
-        """Let a command itself say what it does not know, and where its help is."""
-        known, unknown = super().parse_known_args(*given, **more)
+        """Report unknown arguments by the command's own parser, which names its help."""
+        options, unknown = super().parse_known_args(*given, **more)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return known, unknown
+        return options, unknown
 
     def error(self, message: str) -> NoReturn:
         """One line on standard error; exit status 2."""
-        complain(f"{message.removesuffix('.')}; see {self.prog} --help")
+        print_error(f"{message.removesuffix('.')}; see {self.prog} --help")
         raise SystemExit(2)
 
     def print_help(self, file: object = None) -> None:

@@ -1,4 +1,4 @@
-"""`batch` and `table`: many recordings by several methods, and what they say by groups."""
+"""`batch` and `table`: many recordings by several methods, and their results by groups."""
 
 import argparse
 import math
@@ -15,7 +15,7 @@ from accpinn.cli.output import interruptible, note, print_json, show, show_resul
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.methods.registry import COMPARED, known_variant
+from accpinn.methods.registry import COMPARED, variant_key
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
@@ -67,7 +67,7 @@ TABLE_OPTIONS = (
 
 
 def run_batch(options: argparse.Namespace) -> int:
-    """Run what is missing, and print what the batch has come to; 130 when interrupted."""
+    """Run the missing estimates, and print the counts of the batch; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     model_key(options.model)  # its script may register methods, too
     if options.scheduler and (warning := plain_scheduler(options.scheduler)):
@@ -77,7 +77,7 @@ def run_batch(options: argparse.Namespace) -> int:
             options.sources,
             options.out,
             window=_seconds(options.window),
-            methods=named_keys(options.methods, COMPARED, known_variant),
+            methods=named_keys(options.methods, COMPARED, variant_key),
             case=options.case,
             model=options.model,
             workers=options.workers,
@@ -103,7 +103,7 @@ def _seconds(text: str) -> float:
 
 @contextmanager
 def _progress_bar() -> Iterator[Any]:
-    """On standard error: share of all work, files, windows, rows, time left."""
+    """A bar on standard error: share of all work, files, windows, rows, time left."""
     form = "{l_bar}{bar}|{postfix}"
     with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
 

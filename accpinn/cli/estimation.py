@@ -1,6 +1,6 @@
 """`fit`, `compare` and `starts`: parameters estimated from windows of a recording.
 
-`compare --models` asks which car-following model describes each car, in windows left out.
+`compare --models` judges which car-following model describes each car, in windows left out.
 """
 
 import argparse
@@ -19,6 +19,7 @@ from accpinn.cli.options import (
     MODEL,
     RUN,
     SEGMENT,
+    THREADS,
     VARIANTS_HELP,
     WINDOWS,
     chosen_analysis,
@@ -26,14 +27,14 @@ from accpinn.cli.options import (
     named_keys,
 )
 from accpinn.cli.output import interruptible, note, show_result
-from accpinn.cli.recordings import option
+from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.findings import joined
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import DEFAULT, FAST, PRESETS, STARTS
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import COMPARED, known_variant, method_of, recommended_method
+from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.registry import JUDGED, PAPER, following_model
 from accpinn.results.documents import (
     describe_comparison,
@@ -123,7 +124,8 @@ COMPARE_OPTIONS = (
     option("--models", nargs="?", const="all", metavar="all | A,B",
            help="car-following models in place of methods, each judged in windows left out: all in"
            " car-following, or those given, or blocks of one"),
-    *RUN,
+    THREADS,
+    JSON,
 )  # fmt: skip
 STARTS_OPTIONS = (
     *SEGMENT,
@@ -136,7 +138,7 @@ STARTS_OPTIONS = (
 
 def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
-    if options.out is not None:  # training takes long; what would spoil its keeping is said first
+    if options.out is not None:  # training takes long: refuse before it what could not be saved
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     elif idle := [name for name in _KEPT if getattr(options, name)]:
@@ -172,8 +174,8 @@ def _settings(options: argparse.Namespace) -> dict[str, Any] | None:
     pairs = [*given, *options.settings]
     if twice := [name for name, count in Counter(n for n, _ in pairs).items() if count > 1]:
         raise ConfigError(f"settings: {twice[0]} is given twice; give it once.")
-    method = recommended_method(options.model) if options.preset is None else "pinn"
-    method = method_of(options.method or method).key
+    recommended = recommended_method(options.model, options.preset)
+    method = method_of(options.method or recommended).key
     if method_of(method).settings:
         return dict(pairs)
     for name, value in [*((n, getattr(options, n)) for n in _SETTINGS), *options.settings]:
@@ -208,15 +210,16 @@ def fit_text(result: Result) -> str:
     count = f"{estimate.iterations} iterations in " if estimate.iterations else ""
     effort = f"{count}{estimate.seconds:.1f} s{cached}"
     first = [*_by_hand(info), *(f"{card.lead} {card.trust}" for card in cards(result))]
-    told = [*first, f"{name_of(estimate)}: {about_point(estimate)}."]  # that below the table
-    said = [f"{estimate.outcome.value} ({effort})", *incidents(result.evaluation, info)]
-    said += [f"Note: {note}" for note in notes(result) if note not in told]
+    # The sentence about the estimate stands below the table.
+    printed = [*first, f"{name_of(estimate)}: {about_point(estimate)}."]
+    lines = [f"{estimate.outcome.value} ({effort})", *incidents(result.evaluation, info)]
+    lines += [f"Note: {note}" for note in notes(result) if note not in printed]
     return "\n".join([*first, "", tables[0].to_text(), about_estimate(result), "",
-                      *_texts(tables[1:]), *said])  # fmt: skip
+                      *_texts(tables[1:]), *lines])  # fmt: skip
 
 
 def _by_hand(info: SegmentInfo) -> tuple[str, ...]:
-    """What comes before all else: that a driver controls followers."""
+    """The sentence that a driver controls followers, which heads the output."""
     return (hand.sentence(info),) if (hand := info.driven_by_hand) else ()
 
 
@@ -230,7 +233,7 @@ def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with errors of both kinds."""
     if options.models:
         return run_judge(options)
-    methods = named_keys(options.methods, COMPARED, known_variant)
+    methods = named_keys(options.methods, COMPARED, variant_key)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(
@@ -240,24 +243,24 @@ def run_compare(options: argparse.Namespace) -> int:
     refused = tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
     if not results:
         raise refused[0].fault
-    found = results, refused
-    show_result(options, lambda: describe_comparison(*found), lambda: _comparison_text(*found))
+    rows = results, refused
+    show_result(options, lambda: describe_comparison(*rows), lambda: _comparison_text(*rows))
     return 0
 
 
 def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) -> str:
     best = recommended_of(results)
     first, info = best or results[0], results[0].info
-    each, forms = range(info.followers), first.adequacy.forms
+    followers, forms = range(info.followers), first.adequacy.forms
     recommended = [parameter_table(best).to_text(), about_estimate(best), ""] if best else []
     subject = known_vehicles(first)
     tables = [
-        *(methods_table(results, k, best) for k in each),
+        *(methods_table(results, k, best) for k in followers),
         *([known_table(subject)] if subject.has_report else ()),
-        *(model_form_table(info, forms, k) for k in each if forms),
+        *(model_form_table(info, forms, k) for k in followers if forms),
     ]
     points = [(name_of(r.estimate), about_point(r.estimate)) for r in results]
-    said = [
+    lines = [
         *(f"{name}: {point}." for name, point in points if point),
         *(f"{row.method} has no result: {row.fault}" for row in refused),
         *messages((*info.findings, *first.weaknesses), info),
@@ -268,7 +271,7 @@ def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) 
         ),
         *messages(first.adequacy.findings, info),
     ]
-    return "\n".join([*_by_hand(info), *recommended, *_texts(tables), *said])
+    return "\n".join([*_by_hand(info), *recommended, *_texts(tables), *lines])
 
 
 def run_judge(options: argparse.Namespace) -> int:
@@ -285,10 +288,10 @@ def run_judge(options: argparse.Namespace) -> int:
             "models: each is judged on whole windows of single cars, all parameters free; leave"
             f" {listed} out."
         )
-    asked, recording = chosen_analysis(options)
+    analysis, recording = chosen_analysis(options)
     is_given = options.windows not in (None, AUTO)
     is_given |= options.start is not None or options.duration is not None
-    subjects = subjects_of(recording, asked.vehicles, asked.windows if is_given else ())
+    subjects = subjects_of(recording, analysis.vehicles, analysis.windows if is_given else ())
     with interruptible() as stopped:
         rounds = judge(subjects, models, stopped.is_set)
         bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)
@@ -321,12 +324,12 @@ def run_starts(options: argparse.Namespace) -> int:
         )
     settings = {} if options.iterations is None else {"iterations": options.iterations}
     analysis, recording = chosen_analysis(options, "pinn", options.preset, settings)
-    asked = list(starts(analysis, seeds=range(options.seeds)))
+    analyses = list(starts(analysis, seeds=range(options.seeds)))
     context, store = TaskContext(threads=options.threads), chosen_store(options)
-    bar = tqdm(asked, unit="training", file=sys.stderr, disable=None)
+    bar = tqdm(analyses, unit="training", file=sys.stderr, disable=None)
     results = [run(start, recording, store=store, context=context) for start in bar]
-    found = results, spread_of(results)
-    show_result(options, lambda: describe_starts(*found), lambda: _starts_text(*found))
+    rows = results, spread_of(results)
+    show_result(options, lambda: describe_starts(*rows), lambda: _starts_text(*rows))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`verify`, `report`, `export` and `runs`: what the file of a snapshot, and the cache, holds."""
+"""`verify`, `report`, `export` and `runs`: snapshots, and the results in the cache."""
 
 import argparse
 from collections.abc import Sequence, Set
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
-from accpinn.cli.output import complain, note, print_json, progress, show, show_result
+from accpinn.cli.output import note, print_error, print_json, progress, show, show_result
 from accpinn.cli.recordings import JSON, Option, option
 from accpinn.errors import ConfigError, RecordingError, SnapshotError
 from accpinn.recordings import Recording
@@ -73,12 +73,12 @@ RUNS_OPTIONS = (
 
 
 def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
-    """How long running the methods of a snapshot again may take."""
+    """Longest time, in s, that running the methods of a snapshot again may take."""
     return HOWEVER_LONG if options.refit else 0.0 if options.quick else usual
 
 
 def _data_of(options: argparse.Namespace, snapshot: Result) -> Recording | None:
-    """The recording that the options name, if they name one, read as that of the snapshot was."""
+    """The recording that the options name, read by the mapping of the snapshot; None without."""
     if not options.recording:
         if options.trajectory is not None:
             raise ConfigError("trajectory: it is of a --recording; give both, or neither.")
@@ -92,7 +92,7 @@ def _data_of(options: argparse.Namespace, snapshot: Result) -> Recording | None:
 
 
 def run_verify(options: argparse.Namespace) -> int:
-    """Check, and print stored beside found now.
+    """Check a snapshot, and print stored numbers beside those computed again.
 
     Raises:
         SnapshotError: when something does not match.
@@ -140,19 +140,11 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
-    verdict = (
-        "Not everything was checked"
-        if verification.ok is None
-        else "Everything was computed again and agrees"
-        if verification.ok
-        else "It does not agree"
-    )
-    said = [f"{verdict}: {verification.counted}.", *more]
-    return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
+    return "\n".join([", ".join(filter(None, about)), "", table, "", verification.mark, *more])
 
 
 def run_report(options: argparse.Namespace) -> int:
-    """Write the page, and say where; 1 when the snapshot does not agree with itself."""
+    """Write the page, and print its path; 1 when the snapshot contradicts its contents."""
     from accpinn.results.report import render_report  # plotly's script is read from disk
 
     beside = options.file.removesuffix(SUFFIX) + ".html"
@@ -172,7 +164,7 @@ def run_report(options: argparse.Namespace) -> int:
     if checked.ok is not False:
         note(checked.sentence)
         return 0
-    complain(
+    print_error(
         f"what the snapshot says does not follow from its contents. {checked.sentence} The report"
         " was written, with a warning at its top."
     )
@@ -180,11 +172,10 @@ def run_report(options: argparse.Namespace) -> int:
 
 
 def run_export(options: argparse.Namespace) -> int:
-    """Write what was asked for; say where, or print the card."""
+    """Write vehicle types for SUMO and print their path, or print the parameter card."""
     if options.sumo is None and not options.json:
         raise ConfigError("export: give --sumo FILE.xml, --json or both.")
-    asked = options.sumo is not None
-    place = writable_path(Path(options.sumo), "file for SUMO") if asked else None
+    place = None if options.sumo is None else writable_path(Path(options.sumo), "file for SUMO")
     snapshot = load(options.file)
     if place:
         content = snapshot_types(snapshot, options.samples).encode()

@@ -34,7 +34,7 @@ def _fixed(text: str) -> tuple[str, float]:
 
 
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A parser of texts as argparse wants it."""
+    """A parser whose errors argparse reports."""
 
     def parsed(text: str) -> Any:
         try:
@@ -81,8 +81,9 @@ MODEL = (
     option("--fixed", "--hold", dest="fixed", type=_fixed, action="append", default=[],
            metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
+THREADS = option("--threads", type=int, metavar="N", help="most processor threads for training")
 RUN = (
-    option("--threads", type=int, metavar="N", help="most processor threads for training"),
+    THREADS,
     option("--no-cache", action="store_true", help="neither read nor store results"),
     JSON,
 )
@@ -120,12 +121,12 @@ def chosen_analysis(
     windows, duration = getattr(options, "windows", None), options.duration
     if windows == ALL:
         windows, duration = _all_windows(options, recording), None
-    asked = analyse(
+    analysis = analyse(
         recording, options.start, duration, options.vehicles, windows=windows, case=options.case,
         model=getattr(options, "model", None), fixed=dict(fixed), method=method, preset=preset,
         settings=settings, exclude=options.exclude,
     )  # fmt: skip
-    return asked, recording
+    return analysis, recording
 
 
 def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
@@ -141,5 +142,5 @@ def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[
 
 
 def chosen_store(options: argparse.Namespace) -> Store | None:
-    """Where results are kept; None where the options want none."""
+    """The store of results; None with --no-cache."""
     return None if options.no_cache else Store()

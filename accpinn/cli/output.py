@@ -1,7 +1,7 @@
-"""How results and faults leave the command line: one JSON document, tables, one line `error: …`.
+"""Output of the command line: one JSON document, tables, or one line `error: …`.
 
-No text of a file reaches the terminal as anything but text: what would steer it, or turn the
-direction of writing, is printed as its number.
+No text of a file controls the terminal: characters that would steer it, or turn the direction of
+writing, are printed as their numbers.
 """
 
 import argparse
@@ -16,11 +16,11 @@ from threading import Event
 from typing import Any
 
 SPACES = "\u00a0\u2009\u202f"
-"""Not printable to Python, harmless to a terminal."""
+"""Spaces that Python calls unprintable and a terminal prints."""
 
 
 def open_streams() -> None:
-    """UTF-8 on both streams, whatever the platform's; closed ones lead nowhere."""
+    """Set both streams to UTF-8 on every platform; closed ones discard their output."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -30,9 +30,9 @@ def open_streams() -> None:
 
 
 def flush() -> None:
-    """Write what is still waiting.
+    """Write buffered output.
 
-    A stream that fails leads nowhere from then on; Python would try again at its end.
+    A stream that fails discards its output from then on; Python would try again at its end.
 
     Raises:
         OSError: when it cannot be written.
@@ -49,7 +49,7 @@ def flush() -> None:
 def show_result(
     options: argparse.Namespace, document: Callable[[], dict[str, Any]], text: Callable[[], str]
 ) -> None:
-    """Print what a command found: with --json the document of the contract, else the text."""
+    """Print the result of a command: with --json the document of the contract, else the text."""
     if options.json:
         print_json(document())
     else:
@@ -61,30 +61,30 @@ def show(text: str) -> None:
     print("\n".join(map(one_line, text.split("\n"))))
 
 
-def complain(sentence: str) -> None:
-    """Print what is wrong, as one line on standard error."""
-    with suppress(OSError):  # nowhere is left to say it
+def print_error(sentence: str) -> None:
+    """Print a fault as one line on standard error."""
+    with suppress(OSError):  # no stream is left to report it on
         print(f"error: {one_line(sentence)}", file=sys.stderr)
 
 
 def note(sentence: str) -> None:
-    """Print what a result rests on, or where it was saved, as one line on standard error."""
+    """Print a remark on a result as one line on standard error."""
     print(one_line(sentence), file=sys.stderr, flush=True)
 
 
 def progress(sentence: str) -> None:
-    """Print what happens, as one line on standard error where that is a terminal."""
+    """Print a step of the work as one line on standard error, where that is a terminal."""
     if sys.stderr.isatty():
         note(sentence)
 
 
 def one_line(text: str) -> str:
-    r"""What is not printable as its number: \u001b; inside JSON the same text to a reader."""
+    r"""A text with unprintable characters as numbers, \u001b, which JSON reads as the same text."""
     return "".join(c if c.isprintable() or c in SPACES else json.dumps(c)[1:-1] for c in text)
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """One document on standard output; what is not a number becomes null."""
+    """Print one document on standard output; nan and infinities become null."""
     plain = json.loads(json.dumps(document), parse_constant=lambda _: None)
     show(json.dumps(plain, ensure_ascii=False, indent=2))
 

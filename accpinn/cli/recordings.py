@@ -1,6 +1,6 @@
 """The options that name a recording, and the commands `info` and `download`.
 
-`info` is asked of one file after the other: nothing here imports what estimates.
+`info` is called for one file after the other: nothing here imports the estimators.
 """
 
 import argparse
@@ -16,7 +16,7 @@ import msgspec
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.output import complain, interruptible, note, print_json, show, show_result
+from accpinn.cli.output import interruptible, note, print_error, print_json, show, show_result
 from accpinn.recordings import FLAGS, Recording, facts_of
 from accpinn.recordings.files import opened, read
 from accpinn.recordings.mapping import load_mapping, write_mapping
@@ -42,7 +42,7 @@ RECORDING = (
     option("--mapping", metavar="JSON",
            help="which columns of any other table hold what (info --propose prints one)"),
 )  # fmt: skip
-"""The file of a recording, and what of it to take."""
+"""The options that name a file, a run in it and its mapping."""
 INFO_OPTIONS = (
     *RECORDING,
     option("--propose", action="store_true",
@@ -66,7 +66,7 @@ def chosen_recording(options: argparse.Namespace) -> Recording:
 
 
 def run_info(options: argparse.Namespace) -> int:
-    """Print what a recording holds, and what to know about it; or the mapping that is proposed."""
+    """Print a recording's facts, vehicles and findings; or the mapping that is proposed."""
     if options.propose:
         return _propose(options.file)
     recording = chosen_recording(options)
@@ -114,14 +114,14 @@ def _recording_text(recording: Recording) -> str:
         ],
     )
     flag, setting = recording.acc_flag, recording.distance_setting
-    said = [f"ACC flag of the file: {FLAGS.get(flag, flag)}"] if flag is not None else []
-    said += [f"Distance setting: {setting}"] if setting else []
-    said += [f"Note: {warning}" for warning in messages(recording.findings, recording)]
-    return "\n".join([table.to_text(), "", *said]).rstrip()
+    lines = [f"ACC flag of the file: {FLAGS.get(flag, flag)}"] if flag is not None else []
+    lines += [f"Distance setting: {setting}"] if setting else []
+    lines += [f"Note: {warning}" for warning in messages(recording.findings, recording)]
+    return "\n".join([table.to_text(), "", *lines]).rstrip()
 
 
 def run_download(options: argparse.Namespace) -> int:
-    """Download, and say what became of each run; 1 when one failed, 130 when interrupted."""
+    """Download runs, and print the state of each; 1 when one failed, 130 when interrupted."""
     runs = find(options.names)
     folder = Path(options.to) if options.to else folder_of("recordings")
     if options.list:
@@ -150,25 +150,25 @@ def run_download(options: argparse.Namespace) -> int:
         show(f"{folder}: {', '.join(f'{n} {state}' for state, n in counts.items())}")
     if failed:
         others = f" ({len(failed) - 1} more failed)" if len(failed) > 1 else ""
-        complain(f"{failed[0].reason}{others}")
+        print_error(f"{failed[0].reason}{others}")
     return status or bool(failed)
 
 
 def _list_runs(runs: tuple[Run, ...], folder: Path, as_json: bool) -> int:
-    there = [run.path(folder).is_file() for run in runs]
+    downloaded = [run.path(folder).is_file() for run in runs]
     if as_json:
         rows = [
-            fields(run, "campaign", "file", "sha256") | {"downloaded": is_there}
-            for run, is_there in zip(runs, there, strict=True)
+            fields(run, "campaign", "file", "sha256") | {"downloaded": is_downloaded}
+            for run, is_downloaded in zip(runs, downloaded, strict=True)
         ]
         print_json({"folder": str(folder), "runs": rows})
         return 0
     table = Table.of(
-        f"{len(runs)} runs, {sum(there)} of them in {folder}",
+        f"{len(runs)} runs, {sum(downloaded)} of them in {folder}",
         [
             (Column("Campaign"), [run.campaign for run in runs]),
             (Column("File"), [run.file for run in runs]),
-            (Column("Downloaded"), ["yes" if is_there else "no" for is_there in there]),
+            (Column("Downloaded"), ["yes" if is_there else "no" for is_there in downloaded]),
         ],
     )
     show(table.to_text())

@@ -1,4 +1,4 @@
-"""`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
+"""`stability` and `simulate`: how vehicles with given parameters amplify disturbances."""
 
 import argparse
 from typing import Any
@@ -23,15 +23,22 @@ from accpinn.results.messages.platoon import (
     smallest_gap,
 )
 from accpinn.results.messages.stability import (
+    about_margin,
     against_measured,
     headline,
     platoon_reasons,
     reason,
     reasons,
 )
-from accpinn.results.tables.stability import amplitude_table, known_table
+from accpinn.results.tables.stability import (
+    amplitude_table,
+    known_table,
+    margin_table,
+    verdicts_part,
+)
 from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.stability import VehicleStability, Verdict
+from accpinn.stability.margin import VehicleMargin
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
@@ -121,6 +128,7 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
+            | {"margin": _describe_margin(subject.margins.vehicles[k], known)}
             | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
@@ -132,12 +140,13 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
             )
         ],
         "platoon": {
+            "margin": subject.margins.platoon and subject.margins.platoon.value,
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
             **{
-                name: _verdict(*said)
-                for name, said in zip(PLATOON, platoon_reasons(subject), strict=True)
+                name: _verdict(verdict, why)
+                for name, (verdict, why) in zip(PLATOON, platoon_reasons(subject), strict=True)
             },
         },
     }
@@ -152,7 +161,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     )
     return {
         **fields(vehicle.parameters, *PARAMETER_KEYS, *TERMS),
-        **{key: own | _verdict(v, reason(v, vehicle)) for key, v, own in verdicts},
+        **{key: criterion | _verdict(v, reason(v, vehicle)) for key, v, criterion in verdicts},
         **fields(vehicle, "crossover", "onset", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
@@ -160,15 +169,32 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
-def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
+def _describe_uncertainty(uncertainty: Uncertainty, k: int) -> dict[str, Any]:
     """Probabilities and intervals of a vehicle's stability."""
-    spans = {name: getattr(known, name) for name in ("peak_gain", "linf_gain")}
+    spans = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain")}
     return {
-        "probability_l2": known.probability_l2[k],
-        "probability_linf": known.probability_linf[k],
-        "level": known.level,
+        "probability_l2": uncertainty.probability_l2[k],
+        "probability_linf": uncertainty.probability_linf[k],
+        "level": uncertainty.level,
         "intervals": {name: [span.lower[k], span.upper[k]] for name, span in spans.items()},
     }
+
+
+def _describe_margin(margin: VehicleMargin, known: Uncertainty | None) -> dict[str, Any]:
+    """The time gap and the margins of a vehicle in s, with intervals where draws are known.
+
+    What is infinite becomes null; the state tells why.
+    """
+    norms = {
+        name: {
+            "smallest": norm.smallest.value,
+            "margin": norm.distance.value,
+            "state": norm.state.name.lower(),
+            **({"interval": [norm.distance.lower, norm.distance.upper]} if known else {}),
+        }
+        for name, norm in (("l2", margin.l2), ("linf_exact", margin.linf))
+    }
+    return {"time_gap": margin.time_gap.value, **norms}
 
 
 def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
@@ -176,13 +202,14 @@ def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
 
 
 def _report_text(subject: KnownVehicles) -> str:
-    vehicles, lines = subject.vehicles, [known_table(subject).to_text(), ""]
+    vehicles, lines = subject.vehicles, [verdicts_part(known_table(subject)).to_text(), ""]
+    lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
-    for k, (label, said) in enumerate(reasons(subject)):
-        for verdict, why in said:
+    for k, (label, verdicts) in enumerate(reasons(subject)):
+        for verdict, why in verdicts:
             title = verdict.criterion.value
             of_platoon = f"Platoon, {title}: {verdict.word}. {why}"
             lines.append(f"{label}, {title}: {why}" if k < len(vehicles) else of_platoon)
@@ -200,7 +227,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     order = order_of(len(vehicles), count)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     cast = Cast(vehicles, tuple(order))
-    warnings = (*messages(result.findings, cast), *contradictions(subject.result))
+    warnings = (*messages(result.findings, cast), *contradictions(subject.result, order))
 
     def document() -> dict[str, Any]:
         waves, grows = result.amplitudes, growth_of(subject, cast, result)
@@ -219,10 +246,11 @@ def run_simulate(options: argparse.Namespace) -> int:
 
     def text() -> str:
         labels = [cast.label(k) for k in range(len(result.largest_deviation))]
-        growth, known = disturbance(result, cast), known_growth(subject, cast, result)
-        said = filter(None, (growth, known, most_amplified(result), smallest_gap(result, cast)))
+        growth, posterior_growth = disturbance(result, cast), known_growth(subject, cast, result)
+        extremes = most_amplified(result), smallest_gap(result, cast)
+        sentences = filter(None, (growth, posterior_growth, *extremes))
         notes = [f"Note: {warning}" for warning in warnings]
-        return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
+        return "\n".join([amplitude_table(result, labels).to_text(), "", *sentences, *notes])
 
     show_result(options, document, text)
     return 0

@@ -1,4 +1,4 @@
-"""How good an estimate is: errors on its windows, held out and outside of them.
+"""Errors of an estimate on its windows, held out and outside of them.
 
 Errors are of two kinds, never mixed. *Surrogate fit*: the method's own trajectories (the network's,
 the spline's) against the data. The paper's tables report this; it measures how well a curve was
@@ -50,7 +50,7 @@ BLOCKS = 3
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How good an estimate is on its data, one window or several, and outside of them."""
+    """Errors of an estimate on its one or several windows, and outside of them."""
 
     surrogate: TrackingErrors | None
     """Errors of the method's own curves; None where it has none."""
@@ -66,7 +66,7 @@ class Evaluation:
     findings: tuple[ClosedLoopFinding, ...]
     """Collisions, reversing and divergence in the closed-loop simulation on the data."""
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
-    """The same events outside of them."""
+    """Collisions, reversing and divergence outside the windows."""
 
     @property
     def holdout(self) -> TrackingErrors | None:
@@ -144,11 +144,11 @@ def _fold(
 ) -> Iterator[ClosedLoop]:
     """The windows of a fold, with parameters from the others."""
     try:
-        found = estimate(tuple(segment for segment in segments if segment not in fold))
+        refitted = estimate(tuple(segment for segment in segments if segment not in fold))
     except SegmentError:  # too little is left for this method
         yield from (ClosedLoop(segment.window, None) for segment in fold)
         return
-    yield from (ClosedLoop.of(segment, found) for segment in fold if simulable(segment))
+    yield from (ClosedLoop.of(segment, refitted) for segment in fold if simulable(segment))
 
 
 def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErrors | None:
@@ -157,13 +157,13 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
     None without any stretch, or where one has no errors.
     """
     weighted = [*parts]
-    known = [errors for _, errors in weighted if errors is not None]
-    if not known or len(known) < len(weighted):
+    computed = [errors for _, errors in weighted if errors is not None]
+    if not computed or len(computed) < len(weighted):
         return None
     weights = [weight for weight, _ in weighted]
     return TrackingErrors(
-        np.average([errors.speed_mae for errors in known], axis=0, weights=weights),
-        np.average([errors.gap_mae for errors in known], axis=0, weights=weights),
+        np.average([errors.speed_mae for errors in computed], axis=0, weights=weights),
+        np.average([errors.gap_mae for errors in computed], axis=0, weights=weights),
     )
 
 
@@ -179,11 +179,11 @@ def _outside(
     learned = [segment.window for segment in segments]
     for window in complete_windows(recording, segments[0].vehicles, learned):
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
-        found = ClosedLoop.of(
+        simulation = ClosedLoop.of(
             piece if estimate.following.is_linear else from_following(piece), estimate
         )
-        if found.errors:
-            yield found
+        if simulation.errors:
+            yield simulation
 
 
 def from_following(segment: Segment) -> Segment:

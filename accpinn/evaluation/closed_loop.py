@@ -161,7 +161,7 @@ def simulable(segment: Segment) -> list[Stretch]:
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """How far the closed-loop simulation is off in one window, and what happens in it."""
+    """Errors and events of the closed-loop simulation of one window."""
 
     window: Window
     errors: TrackingErrors | None

@@ -63,11 +63,11 @@ def residual_correlations(
     scale = np.sqrt((e**2).sum() * (u**2).sum())
     lags = np.arange(-longest, longest + 1)
     full = np.correlate(e, u, "full")[len(e) - 1 + lags] / scale
-    both = 1.0 + 2.0 * float((of_e[1 : longest + 1] * of_u[1 : longest + 1]).sum())
+    inflation = 1.0 + 2.0 * float((of_e[1 : longest + 1] * of_u[1 : longest + 1]).sum())
     limit = float(ndtri(0.5 + CONFIDENCE / 2) / np.sqrt(count))
     after: FloatArray = np.asarray(lags * second, float)
-    own = Correlogram(after[longest + 1 :], of_e[1 : longest + 1], limit)
-    return own, Correlogram(after, full, limit * float(np.sqrt(max(both, 1.0))))
+    autocorrelation = Correlogram(after[longest + 1 :], of_e[1 : longest + 1], limit)
+    return autocorrelation, Correlogram(after, full, limit * float(np.sqrt(max(inflation, 1.0))))
 
 
 def residuals_of(segment: Segment, estimate: Estimate) -> tuple[FloatArray, Mask, int]:
@@ -90,8 +90,9 @@ def residuals_of(segment: Segment, estimate: Estimate) -> tuple[FloatArray, Mask
     shape, last = (count, size, segment.followers), count * size
     rates = np.diff(speeds[: last + 1 : size, 1:], axis=0) / (size * segment.sample_time)
     between = (reached[1 : last + 1] + reached[:last]) / 2  # straight between samples
-    both = segment.counts[1 : last + 1] & segment.counts[:last]  # a second has both its ends in it
-    means, counts = between.reshape(shape).mean(axis=1), both.reshape(shape).all(axis=1)
+    # A second has both its ends in it.
+    complete = segment.counts[1 : last + 1] & segment.counts[:last]
+    means, counts = between.reshape(shape).mean(axis=1), complete.reshape(shape).all(axis=1)
     return (rates - means).T, np.asarray(counts.T), size
 
 

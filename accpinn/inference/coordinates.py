@@ -40,12 +40,12 @@ class Coordinates:
 
     @property
     def population(self) -> Population:
-        """What other cars taught about φ."""
+        """The population of φ over other cars."""
         return population_of(self.model.key, self.count)
 
     @property
     def spreads(self) -> dict[str, float]:
-        """What deviates between windows and cars: its names, and the unit of each coordinate."""
+        """Names of the coordinates' deviations between windows and cars, and the unit of each."""
         return {parameter.name: parameter.spread for parameter in self.model.parameters}
 
     def of_values(self, values: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ APART = 1 / 3
 """Share of the frequencies beyond which bands that lie apart contradict the model."""
 
 Contradiction = Literal["", "amplifies", "damps", "apart"]
-"""What the measured gain does that the model's verdict denies; "apart" for bands that differ."""
+"""The measured gain's contradiction of the model's verdict; "apart" for bands that differ."""
 _TEXTS: dict[Contradiction, str] = {
     "": "{vehicle}: {distance}.",
     "amplifies": "{vehicle}: L₂ string stable by the model; the measured gain contradicts it (peak"
@@ -49,7 +49,7 @@ _TEXTS: dict[Contradiction, str] = {
 
 
 class GainCheck(Finding, frozen=True):
-    """How far the estimated gain of a vehicle is from the measured one, and what that says."""
+    """The comparison of a vehicle's estimated gain with the measured one."""
 
     vehicle: int
     frequencies: int
@@ -76,7 +76,7 @@ class GainCheck(Finding, frozen=True):
 
     @property
     def short(self) -> str:
-        """What contradicts the verdict, in a few words; empty where nothing does."""
+        """The contradiction in a few words; empty where there is none."""
         return {
             "": "",
             "amplifies": f"peak {self.peak:.1f} dB",

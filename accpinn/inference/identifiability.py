@@ -65,7 +65,7 @@ class WeakIdentification(Finding, frozen=True):
 
 
 class NarrowerIntervals(Finding, frozen=True):
-    """What would narrow the wide intervals of a segment."""
+    """Advice on narrowing the wide intervals of a segment."""
 
     text = "These would narrow the intervals of {vehicles}: {ways}."
 
@@ -116,7 +116,7 @@ def _narrower(
     warnings: Sequence[WeakIdentification],
     recording: Seconds | None,
 ) -> tuple[NarrowerIntervals, ...]:
-    """What would narrow the wide intervals; empty if none is wide."""
+    """Advice on narrowing the wide intervals; empty if none is wide."""
     wide = {warning.vehicle for warning in warnings if warning.wide}
     unknown = np.isnan(uncertainty.centre.alpha)
     vehicles = tuple(

@@ -41,7 +41,7 @@ POWERS = 0.8 ** np.arange(30)
 LEAST_SHARE = 0.02
 """Least share of a part of a mixture."""
 S0 = len(COMMON)
-"""Where z has s₀, in models that have it."""
+"""Index of s₀ in z, in models that have it."""
 ROUNDING = 1e-12
 """Share of the largest variance below which a variance counts as zero."""
 
@@ -63,7 +63,7 @@ class Posterior:
         return float(1.0 / (self.weights**2).sum())
 
     def under(self, factor: FloatArray) -> "Posterior":
-        """The same draws under a density that has a further factor, whose logarithms are (n,)."""
+        """Reweight the draws to a density with a further factor, whose logarithms are (n,)."""
         with np.errstate(divide="ignore"):
             return replace(self, weights=normalised(np.log(self.weights) + factor))
 
@@ -99,7 +99,7 @@ class Student:
 
     @cached_property
     def root(self) -> tuple[Mask, FloatArray]:
-        """Which coordinates are free (P,), and a root of their scale (f, f)."""
+        """The mask (P,) of free coordinates, and a root of their scale (f, f)."""
         # Unlike eigenvectors, Cholesky's root is continuous in the matrix, so draws are the same
         # on every processor.
         variances = np.diag(self.scale)
@@ -157,7 +157,7 @@ class Proposal:
         return drawn
 
     def _ends(self, drawn: FloatArray) -> Iterator[tuple[int, FloatArray | float, np.ufunc]]:
-        """Where draws (n, P) are folded: the coordinate, its end, and what keeps it inside."""
+        """Ends at which draws (n, P) are folded: coordinate, end, and the function that clips."""
         if np.isfinite(self.least):
             yield -1, self.least, np.maximum
         if np.isfinite(self.speed):
@@ -241,8 +241,8 @@ class Sampling:
         self._target = np.append(self._target, target)
         self._factor = np.append(self._factor, factor)
         densities = self.proposal.log_densities(self._drawn)
-        own = self._past[-1][1] + log_sum(densities)
-        self._log_density = np.logaddexp(self._log_density, own)
+        latest = self._past[-1][1] + log_sum(densities)
+        self._log_density = np.logaddexp(self._log_density, latest)
         ratios = self._target - self._log_density
         self.posterior = Posterior(
             np.concatenate([self.posterior.coordinates, z]),

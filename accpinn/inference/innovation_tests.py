@@ -74,12 +74,12 @@ class InnovationTests:
     @property
     def united(self) -> "InnovationTests":
         """The tests (1,) of all followers together, by Fisher's method."""
-        return InnovationTests(*(_united(values[np.isfinite(values)]) for values in self._all))
-
-
-def _united(values: FloatArray) -> FloatArray:
-    statistic = -2.0 * np.log(np.maximum(values, 1e-300)).sum()
-    return np.array([chdtrc(2 * len(values), statistic)])
+        united = []
+        for probabilities in self._all:
+            finite = probabilities[np.isfinite(probabilities)]
+            statistic = -2.0 * np.log(np.maximum(finite, 1e-300)).sum()
+            united.append(np.array([chdtrc(2 * len(finite), statistic)]))
+        return InnovationTests(*united)
 
 
 def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatArray, ...]:
@@ -90,7 +90,7 @@ def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatAr
     model = _gap_last(Criterion(series).model(z))
     measured = innovations(model, series.measured[:, ::-1])[1]
     scaled = measured.errors / np.sqrt(measured.variances)
-    standard = np.where(measured.known, scaled, np.nan)[SETTLING:]
+    standard = np.where(measured.present, scaled, np.nan)[SETTLING:]
     speeds = series.measured[SETTLING:, 1]
     rows = []
     for group in range(series.groups):
@@ -98,12 +98,12 @@ def innovation_tests(series: Series, maxima: Sequence[Maximum]) -> tuple[FloatAr
         speed = speeds[:, members]
         values = []
         for errors in (standard[:, 1, members], standard[:, 2, members]):
-            known = np.isfinite(errors) & np.isfinite(speed)
-            if known.sum() < LAGS:  # for example short stretches between masked instants
+            present = np.isfinite(errors) & np.isfinite(speed)
+            if present.sum() < LAGS:  # for example short stretches between masked instants
                 values.append((np.nan, np.nan, np.nan))
                 continue
-            uneven = _uneven(errors[known], speed[known])
-            values.append((_correlated(errors), uneven, jarque_bera(errors[known])[1]))
+            uneven = _uneven(errors[present], speed[present])
+            values.append((_correlated(errors), uneven, jarque_bera(errors[present])[1]))
         rows.append(np.minimum(2.0 * np.min(values, axis=0), 1.0))
     correlated, uneven, nonnormal = np.array(rows).T
     nonlinear = np.where(np.isnan(correlated), np.nan, _nonlinear(series, maxima, model, measured))
@@ -142,7 +142,7 @@ def _nonlinear(
     beyond = np.concatenate([np.maximum(around - limits, 0.0), np.minimum(around + limits, 0.0)])
     terms = np.nan_to_num([*beyond, p, v, u, np.ones_like(p)])
     count = len(terms)
-    effects = np.where(measured.known[:, :, None], _effects(theta, terms, series.step), np.nan)
+    effects = np.where(measured.present[:, :, None], _effects(theta, terms, series.step), np.nan)
     tiled = StateSpace(*(np.tile(getattr(model, part.name), count) for part in fields(model)))
     filtered = innovations(tiled, effects.reshape(len(p), 3, -1))[1].errors.reshape(effects.shape)
     deviations = np.sqrt(measured.variances)[SETTLING:]
@@ -229,12 +229,12 @@ def _exceeds(value: float, weights: FloatArray) -> float:
 
 def _correlated(errors: FloatArray) -> float:
     """Ljung and Box's p-value of all columns (N, S); pairs with a missing error are left out."""
-    known = np.isfinite(errors)
-    errors = np.where(known, errors, 0.0)
+    present = np.isfinite(errors)
+    errors = np.where(present, errors, 0.0)
     statistic = 0.0
-    power = float((errors**2).sum()) / max(int(known.sum()), 1)
+    power = float((errors**2).sum()) / max(int(present.sum()), 1)
     for lag in range(1, LAGS + 1):
-        pairs = int((known[lag:] & known[:-lag]).sum())
+        pairs = int((present[lag:] & present[:-lag]).sum())
         if pairs:
             correlation = float((errors[lag:] * errors[:-lag]).sum()) / pairs / power
             statistic += pairs * correlation**2

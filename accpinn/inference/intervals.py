@@ -1,7 +1,6 @@
-"""What follows from the draws of an estimate: probabilities of string stability, gains, bands."""
+"""Probabilities of string stability, gains and bands from the draws of an estimate."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -93,7 +92,6 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
-@lru_cache(maxsize=64)
 def growth(
     uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond | None = None
 ) -> tuple[float, float]:
@@ -129,7 +127,7 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
 
     Both are nan for followers that are not determined.
     """
-    known = ~np.isnan(draws.alpha[0])
+    determined = ~np.isnan(draws.alpha[0])
     lower, upper = ends_of(centre, draws, level)
     gains = step_metrics(draws).gain
     is_linf = exact_margin(draws, gains) >= 0
@@ -139,8 +137,8 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
         lower=lower,
         upper=upper,
         draws=draws,
-        probability_l2=np.where(known, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
-        probability_linf=np.where(known, is_linf.mean(axis=0), np.nan),
+        probability_l2=np.where(determined, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
+        probability_linf=np.where(determined, is_linf.mean(axis=0), np.nan),
         peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
         linf_gain=Interval(*interval_ends(gains, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),
@@ -160,6 +158,6 @@ def ends_of(centre: Parameters, draws: Parameters, level: float) -> tuple[Parame
 
 
 def effective_draws(drawn: FloatArray) -> float:
-    """How many independent draws are worth as much as (n,) draws, some of them repeated."""
+    """The effective number of independent draws among (n,) draws, some of them repeated."""
     counts = np.unique(drawn, return_counts=True)[1]
     return float(counts.sum() ** 2 / (counts**2).sum())

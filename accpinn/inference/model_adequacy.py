@@ -15,7 +15,6 @@ The innovations of the CTHP test whether it holds (see `inference.innovation_tes
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -122,7 +121,7 @@ class ModelForm:
 
 @dataclass(frozen=True, eq=False)
 class Adequacy:
-    """How well the CTHP and its further forms explain a segment."""
+    """Tests of the CTHP and its further forms on a segment."""
 
     forms: tuple[ModelForm, ...]
     """All forms, the CTHP first; empty where nothing can be estimated."""
@@ -136,7 +135,6 @@ class Adequacy:
         return tuple(finding for finding in self.findings if isinstance(finding, BetterForm))
 
 
-@lru_cache(maxsize=32)
 @one_thread
 def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     """Estimate every form of the model on a segment.
@@ -155,23 +153,23 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         >>> [form.form for form in accpinn.model_forms(segment).forms][:2]
         ['cthp', 'cthp-s0']
     """
-    known = determined_followers((segment,), case)
-    if not known:
+    determined = determined_followers((segment,), case)
+    if not determined:
         return Adequacy((), None, ())
-    series, count = series_of([segment], case, known), segment.followers
+    series, count = series_of([segment], case, determined), segment.followers
 
     def spread(values: Sequence[ArrayLike] | FloatArray) -> FloatArray:
         """(M, ..) rows of all followers from those of the groups."""
         rows = np.asarray(values, float)
         full = np.full((count, *rows.shape[1:]), np.nan)
-        full[list(known)] = rows
+        full[list(determined)] = rows
         return full
 
     forms: list[ModelForm] = []
     cthp_aic = cthp_density = np.zeros(count)
     tests: tuple[FloatArray, ...] = ()
     for form in FORMS:
-        maxima = joint_maxima((segment,), case, ModelSpec(form), known)
+        maxima = joint_maxima((segment,), case, ModelSpec(form), determined)
         size = len(coordinates(form))
         aic = spread(2 * size - 2 * _largest_likelihoods(series, maxima, form))
         density = spread(_held_out_density(series, maxima, form))
@@ -185,7 +183,7 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
         intervals = centre, *ends_of(centre, drawn, LEVEL)
         forms.append(ModelForm(form, *intervals, aic - cthp_aic, density - cthp_density))
     tested = InnovationTests(*map(spread, tests))
-    subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
+    subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in determined]
     better, inadequate = _better(subjects, forms), _inadequate(subjects, tested)
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
@@ -217,8 +215,8 @@ def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> F
     spec, near = ModelSpec(form), [maximum.coordinates for maximum in maxima]
     learned = maximise(series.until(LEARNED), spec, near)
     z = np.array([learned[g].coordinates for g in series.group])
-    _, found = innovations(Criterion(series, spec).model(z), series.measured)
-    density = found.log_density[:, :2]
+    _, predicted = innovations(Criterion(series, spec).model(z), series.measured)
+    density = predicted.log_density[:, :2]
     late = density[round(LEARNED * len(density)) :].sum(axis=(0, 1))
     return np.asarray(np.bincount(series.group, late, series.groups), float)
 

@@ -1,4 +1,4 @@
-"""How parameters differ between windows of one car, and between cars; the typical value of a car.
+"""The variation of parameters between windows of one car and between cars.
 
 In window w of a car the parameters φ_w = (ln α, ln β, ln G, s₀, λ or d) are those of
 
@@ -64,7 +64,7 @@ WITHIN = 1.1416
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """What many cars taught about φ under one model; p coordinates."""
+    """The distribution of φ (p coordinates) over many cars and their windows, under one model."""
 
     centre: FloatArray
     """(p,) m."""
@@ -73,14 +73,14 @@ class Population:
     windows: FloatArray
     """(p, p) Σ₀: usual scale matrix between windows of one car, half their covariance."""
 
-    def of(self, kept: Mask) -> "Population":
+    def of(self, free: Mask) -> "Population":
         """The population of some coordinates (p,), where the others are held."""
-        square = np.ix_(kept, kept)
-        return Population(self.centre[kept], self.cars[square], self.windows[square])
+        square = np.ix_(free, free)
+        return Population(self.centre[free], self.cars[square], self.windows[square])
 
     @property
     def of_cars(self) -> "Population":
-        """The same one level up: how the typical values of a group's cars may differ."""
+        """The population one level up: the variation of the typical values of a group's cars."""
         return Population(self.centre, self.cars, self.cars / WITHIN**2)
 
     @property
@@ -138,12 +138,12 @@ def sampled_population(
     unlikely = np.exp(log_prior.min(axis=1, keepdims=True) - log_prior)[:, :, None]
     scale = (population.freedom - p - 1) * population.windows
     between_cars = np.linalg.inv(population.cars)
-    each = np.arange(count)
+    chains = np.arange(count)
     # Chains begin where each window alone would lie under the population, as they move slowly.
     alone = _coefficients(np.zeros((1, p)), np.linalg.inv(population.cars + scale)[None])
     first = (squares @ alone.T).reshape(count, size, 1)
     likely = unlikely * np.exp(first - first.max(axis=1, keepdims=True))
-    chosen = centred[each, _one_of(np.repeat(likely, CHAINS, axis=2), rng)]
+    chosen = centred[chains, _one_of(np.repeat(likely, CHAINS, axis=2), rng)]
     mean = chosen.mean(axis=1)
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
@@ -162,7 +162,7 @@ def sampled_population(
         likely = (squares @ coefficients.T).reshape(count, size, CHAINS)
         np.power(likely, -0.5 * (TAILS + p), out=likely)
         likely *= unlikely
-        chosen = centred[each, _one_of(likely, rng)]
+        chosen = centred[chains, _one_of(likely, rng)]
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
@@ -239,8 +239,8 @@ def regularised(learned: Population, has_time_gap: bool = True) -> Population:
         windows[2, 2] += max(0.0, LEAST_GAP_SPREAD**2 - windows[2, 2])
     else:
         related, more = OF_OTHERS
-        own = np.diag(np.diag(learned.windows))
-        windows = more * (related * learned.windows + (1 - related) * own)
+        uncorrelated = np.diag(np.diag(learned.windows))
+        windows = more * (related * learned.windows + (1 - related) * uncorrelated)
     return Population(learned.centre, cars, windows)
 
 

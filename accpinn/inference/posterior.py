@@ -104,11 +104,11 @@ def sample(
         for w in drawn:
             w[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
         pairs = zip(wanted, drawn, strict=True)
-        each = np.concatenate([_from_time_gap(form, w, speeds[g]) for g, w in pairs])
+        coordinates = np.concatenate([_from_time_gap(form, w, speeds[g]) for g, w in pairs])
         places = np.repeat(np.array(wanted), count)
-        prior, likelihood = _log_posterior(criterion, each, places)
+        prior, likelihood = _log_posterior(criterion, coordinates, places)
         shape = len(wanted), count
-        parts = each.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
+        parts = coordinates.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
             target = likelihoods + priors + w[:, 1] - z[:, 1]  # the last two are ln |dz/dw|
             factor = others(z) if others else np.zeros(count)

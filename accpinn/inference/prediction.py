@@ -20,7 +20,6 @@ its linearisation is simulated.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -97,7 +96,6 @@ class GapBand:
     """One finding for each follower with a band."""
 
 
-@lru_cache(maxsize=64)  # one for each of many users at a time
 def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 
@@ -121,8 +119,9 @@ def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> 
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None
     sizes, pieces = _disturbances(segment, estimate), simulable(segment)
-    known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
-    followers = int(np.logical_and.accumulate(known).sum())
+    determined = np.isfinite(uncertainty.draws.values).all(axis=(0, 2))
+    determined &= np.isfinite(sizes).all(axis=1)
+    followers = int(np.logical_and.accumulate(determined).sum())
     if not followers or not pieces:
         return None
     stride = stride_of(segment)
@@ -134,13 +133,14 @@ def gap_band(segment: Segment, estimate: Estimate, uncertainty: Uncertainty) -> 
     complete: Mask = np.asarray(np.isfinite(samples).all(axis=1))
     rng = np.random.default_rng(SEED)
     for piece in pieces:
-        kept = np.flatnonzero((rows >= piece.first) & (rows <= piece.last))
-        kept = kept[np.logical_or.accumulate(complete[kept])]  # from where all are measured
-        if len(kept) > 1:
-            at = rows[kept]
+        instants = np.flatnonzero((rows >= piece.first) & (rows <= piece.last))
+        # From where all are measured.
+        instants = instants[np.logical_or.accumulate(complete[instants])]
+        if len(instants) > 1:
+            at = rows[instants]
             start = segment.gaps[at[0], :followers], segment.speeds[at[0], 1 : followers + 1]
             simulated = steps.simulate(segment.speeds[at, 0], *start, rng)
-            gaps[:, kept, :followers] = simulated
+            gaps[:, instants, :followers] = simulated
     lower, upper = interval_ends(gaps, uncertainty.level)
     inside = np.where(np.isnan(measured - lower), np.nan, (lower <= measured) & (measured <= upper))
     shares = nanmean(inside)
@@ -160,11 +160,11 @@ def _disturbances(segment: Segment, estimate: Estimate) -> FloatArray:
     """
     if UNKNOWNS in estimate.arrays:
         return estimate.arrays[UNKNOWNS][:, DISTURBANCE]
-    known = determined_followers((segment,), estimate.case)
+    determined = determined_followers((segment,), estimate.case)
     sizes = np.full((segment.followers, 3), np.nan)
-    if known:
-        maxima = joint_maxima((segment,), estimate.case, PAPER_SPEC, known)
-        sizes[list(known)] = [maximum.values[DISTURBANCE] for maximum in maxima]
+    if determined:
+        maxima = joint_maxima((segment,), estimate.case, PAPER_SPEC, determined)
+        sizes[list(determined)] = [maximum.values[DISTURBANCE] for maximum in maxima]
     return sizes
 
 

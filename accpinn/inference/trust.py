@@ -1,4 +1,4 @@
-"""How far an estimate can be trusted, by its own windows.
+"""The reliability of an estimate, judged by its own windows.
 
 In how many windows is the time gap of the window alone that of the estimate, and does the estimate
 reproduce the drive? For the second the vehicle is driven in every window behind the measured
@@ -28,7 +28,7 @@ FAR: Metres = 1000.0
 
 
 class Trust(Finding, frozen=True):
-    """What the windows say of one vehicle's estimate."""
+    """Repeatability of one vehicle's estimate over windows, and its error in simulation."""
 
     vehicle: int
     windows: int
@@ -36,7 +36,7 @@ class Trust(Finding, frozen=True):
     """Number of windows whose own time gap is within `ALIKE` of the estimate's at ``speed``; None
     where the method does not estimate each window by itself."""
     speed: MetresPerSecond
-    """At which the estimate states its time gap."""
+    """Speed at which the estimate states its time gap."""
     rmse: Metres
     """Error of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres
@@ -46,12 +46,12 @@ class Trust(Finding, frozen=True):
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the drive is not reproduced, or half of several windows say something else."""
+        """Whether the drive is not reproduced, or half of several windows have another time gap."""
         return bool(self.reasons)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What the windows have against the estimate, each in a few words."""
+        """Contradictions between the estimate and its windows, each in a few words."""
         differs = self.windows > 1 and self.same is not None and 2 * self.same <= self.windows
         drive = "collides in simulation" if self.collides else "misses the drive"
         drive = drive if np.isfinite(self.rmse) else "drive not simulated"
@@ -86,7 +86,7 @@ class Trust(Finding, frozen=True):
 
 
 def trust_of_several(trusts: Sequence[Trust]) -> str:
-    """What holds of several vehicles whose drives are all reproduced, in words."""
+    """A summary in words of several vehicles whose drives are all reproduced."""
     errors = _range([trust.rmse for trust in trusts])
     deviations = _range([trust.deviation for trust in trusts])
     return (
@@ -96,13 +96,13 @@ def trust_of_several(trusts: Sequence[Trust]) -> str:
 
 
 def _agreement(windows: int, same: Sequence[int | None]) -> str:
-    """In how many windows time gaps are that of the estimate, in words."""
-    known = [count for count in same if count is not None]
+    """The number of windows whose time gap is that of the estimate, in words."""
+    counts = [count for count in same if count is not None]
     if windows == 1:
         return "Based on one window."
-    if not known:
+    if not counts:
         return f"Based on {windows} windows."
-    low, high = min(known), max(known)
+    low, high = min(counts), max(counts)
     count = str(low) if low == high else f"{low} to {high}"
     return f"Repeatable in {count} of {windows} windows (time gap within {100 * ALIKE:.0f} %)."
 
@@ -118,7 +118,7 @@ def trust(
     followers: Sequence[int],
     model: str,
     parameters: Parameters,
-    own: Parameters | None,
+    by_window: Parameters | None,
     speed: MetresPerSecond,
 ) -> Trust:
     """Hold the parameters of a vehicle against its windows (K,) and their own ones (K,).
@@ -133,11 +133,11 @@ def trust(
         for stretch in counted_stretches(segment.pair(follower))
     ]
     gap, same = float(time_gap(model, parameters, speed)), None
-    if own is not None:
-        same = int((np.abs(time_gap(model, own, speed) - gap) <= ALIKE * gap).sum())
+    if by_window is not None:
+        same = int((np.abs(time_gap(model, by_window, speed) - gap) <= ALIKE * gap).sum())
     off = [_errors(pair, model, parameters) for pair in pairs]
     errors = np.concatenate([part for part, _ in off]) if off else np.empty(0)
-    known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
+    finite = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
     measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
     counts = [len(gaps) for gaps in measured]
     squares = [len(gaps) * np.var(gaps) for gaps in measured if len(gaps)]
@@ -146,7 +146,7 @@ def trust(
         len(segments),
         same,
         speed,
-        float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
+        float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan"),
         float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
         any(collided for _, collided in off),
     )

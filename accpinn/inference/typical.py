@@ -8,7 +8,7 @@ differ, give draws of the typical value of the vehicle and of what a further win
 mean along a curved ridge is no parameter set that anything supports.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 
@@ -20,10 +20,11 @@ from accpinn.inference.coordinates import coordinates_of, free_of, log_prior_of_
 from accpinn.inference.intervals import FEW, LEVEL, effective_draws, within
 from accpinn.inference.population import CHAINS, KEPT, Car, sampled_population
 from accpinn.inference.window_posterior import WindowPosterior, window_posterior
-from accpinn.methods import PosteriorKind, Segments, one_thread
+from accpinn.methods import PosteriorKind, Segments, one_thread, simulation
 from accpinn.methods.estimate import Estimate, Posterior
+from accpinn.methods.forecast import INTERVALS, VARIATION, Phase
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import time_gap, value_of
+from accpinn.model.registry import PAPER, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.units import FloatArray, Seconds, interval_ends
 
@@ -36,7 +37,7 @@ SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
 EXACT = "posterior of the exact likelihood, and how windows of many cars differ"
 BY_SIMULATION = "normal approximation in closed loop, and how windows of many cars differ"
-"""How draws are made, by what a window's posterior comes from."""
+"""The method of drawing, in words, by the source of a window's posterior."""
 
 
 class HeterogeneousWindows(Finding, frozen=True):
@@ -56,10 +57,12 @@ class HeterogeneousWindows(Finding, frozen=True):
     `stated_speed`; None where fewer than two have one."""
 
     def _words(self, about: Labelled) -> Words:
-        known = self.spread is not None
-        gaps = f", their time gaps by up to {self.spread:.2f} s" if known else ""
-        named = _named(self.vehicles, about)
-        return {"probability": p_value(self.probability), "gaps": gaps, "named": named}
+        has_gaps = self.spread is not None
+        gaps = f", their time gaps by up to {self.spread:.2f} s" if has_gaps else ""
+        labels = [about.label(number) if number else "all followers" for number in self.vehicles]
+        return {
+            "probability": p_value(self.probability), "gaps": gaps, "named": joined(labels),
+        }  # fmt: skip
 
 
 class HeterogeneousFollowers(Finding, frozen=True):
@@ -124,17 +127,13 @@ PosteriorFinding = (
 )
 
 
-def _named(vehicles: Sequence[int], about: Labelled) -> str:
-    return joined([about.label(number) if number else "all followers" for number in vehicles])
-
-
 @one_thread
 def with_posterior(
     estimate: Estimate,
     segments: Segments,
     kind: PosteriorKind,
     *,
-    on_window: Callable[[int], object] | None = None,
+    on_step: Callable[[str, int, int], object] | None = None,
     should_stop: Callable[[], bool] | None = None,
     level: float = LEVEL,
 ) -> Estimate:
@@ -144,19 +143,20 @@ def with_posterior(
         estimate: the point.
         segments: (K,) the windows that it is of.
         kind: what the posterior of a window comes from.
-        on_window: called with the number of windows that are done.
+        on_step: called with the phase, and how many of its windows or followers are done.
         should_stop: asked before each window; True leaves the estimate without a posterior.
         level: share of the intervals that are to cover the truth.
     """
     spec, case, model = estimate.spec, estimate.case, estimate.model
     space = coordinates_of(model)
+    step = on_step or (lambda *_: None)
     windows: list[WindowPosterior] = []
-    for segment in segments:
+    for done, segment in enumerate(segments):
+        step(INTERVALS, done, len(segments))
         if should_stop and should_stop():
             return estimate
         windows.append(window_posterior(segment, case, spec, kind))
-        if on_window:
-            on_window(len(windows))
+    step(INTERVALS, len(segments), len(segments))
     speeds, followers = estimate.speeds, range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
     likely = np.array([window.likely for window in windows])
@@ -165,10 +165,16 @@ def with_posterior(
             some[row, k] = space.possible(some[row, k], float(speeds[k]))
     alone = space.parameters(np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, level)
-    own = Parameters.of(np.array([window.estimates for window in windows]))
+    by_window = Parameters.of(np.array([window.estimates for window in windows]))
     if not estimate.following.is_linear:
-        own = estimate.following.linearisations(np.moveaxis(own.own, -1, 0), speeds)
-    cars = [_around(car_of(likely[:, k], spec), estimate, k, level) for k in followers]
+        theta = np.moveaxis(by_window.nonlinear, -1, 0)
+        by_window = estimate.following.linearisations(theta, speeds)
+    cars: list[Car] = []
+    for k in followers:
+        step(VARIATION, k, len(followers))
+        if should_stop and should_stop():
+            return estimate
+        cars.append(_around(car_of(likely[:, k], spec), estimate, k, level))
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
         """(n, M) from coordinates (n, p) of each of M followers."""
@@ -178,9 +184,9 @@ def with_posterior(
         return space.parameters(np.stack(usable, axis=-2), speeds)
 
     # The ends are those of draws beside the estimates, which may be bounds.
-    low = Parameters.of(np.fmin(own.everything, lower))
-    high = Parameters.of(np.fmax(own.everything, upper))
-    gaps = time_gap(model, own, estimate.stated_speed)
+    low = Parameters.of(np.fmin(by_window.everything, lower))
+    high = Parameters.of(np.fmax(by_window.everything, upper))
+    gaps = time_gap(model, by_window, estimate.stated_speed)
     gap_low, gap_high = interval_ends(time_gap(model, alone, estimate.stated_speed), level)
     is_shared = segments[0].shares(case)
     posterior = Posterior(
@@ -199,11 +205,26 @@ def with_posterior(
             else float("nan")
         ),
     )
-    return replace(estimate, posterior=posterior, windows=own)
+    return replace(estimate, posterior=posterior, windows=by_window)
+
+
+def posterior_phases(
+    segments: Segments, spec: ModelSpec, kind: PosteriorKind
+) -> Mapping[str, Phase]:
+    """The phases of `with_posterior`."""
+    windows, followers = len(segments), segments[0].followers
+    each = (0.14 if spec.model != PAPER else 0.1) * followers
+    if kind == "simulation":  # each window is searched by itself
+        alone = [simulation.round_seconds((segment,)) for segment in segments]
+        each += simulation.USUAL_ROUNDS * sum(alone) / windows
+    return {
+        INTERVALS: Phase(windows, each),
+        VARIATION: Phase(followers, 0.06 + 0.02 * windows),
+    }
 
 
 def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[PosteriorFinding, ...]:
-    """What an estimate with a posterior should be read with; none for a point.
+    """Findings about the posterior of an estimate; none for a point.
 
     The vehicles (M+1,) are numbers in the file, leader first.
     """
@@ -227,14 +248,14 @@ def _unlike_windows(
     if not unlike or estimate.windows is None:
         return
     gaps = time_gap(estimate.model, estimate.windows, estimate.stated_speed)[:, unlike]
-    known = [column[np.isfinite(column)] for column in gaps.T]
-    spreads = [float(np.ptp(column)) for column in known if len(column) > 1]
+    determined = [column[np.isfinite(column)] for column in gaps.T]
+    spreads = [float(np.ptp(column)) for column in determined if len(column) > 1]
     numbers, most = tuple(vehicles[k] for k in unlike), float(posterior.differ[unlike].max())
     yield HeterogeneousWindows(numbers, len(gaps), most, max(spreads, default=None))
 
 
 def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[HeterogeneousFollowers]:
-    """Whether followers that share their parameters differ, from what each says by itself."""
+    """A finding where followers that share their parameters differ in estimates by themselves."""
     if posterior.followers_differ < SIGNIFICANCE:
         yield HeterogeneousFollowers(followers, posterior.followers_differ)
 
@@ -242,7 +263,7 @@ def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[Heteroge
 def _of_followers(
     estimate: Estimate, posterior: Posterior, vehicles: Sequence[int]
 ) -> Iterator[PosteriorFinding]:
-    """What is said of single followers."""
+    """Findings about single followers."""
     kinds = estimate.following.parameters
     sets = estimate.parameters, *interval_ends_of(posterior)
     value, low, high = (

@@ -1,4 +1,4 @@
-"""What one window alone says of its vehicles under a model, as draws of equal weight.
+"""The posterior of one window's vehicles under a model, as draws of equal weight.
 
 They are drawn from the posterior of the exact likelihood (see `inference.posterior`), which a CTHP
 has, or from the normal approximation of `methods.simulation`, for any model.
@@ -47,14 +47,14 @@ STABILITY_DRAWS = 200
 
 @dataclass(frozen=True, eq=False)
 class WindowPosterior:
-    """What one window alone says of its M followers; nan for one that it does not determine."""
+    """The posterior of M followers from one window; nan for one that it does not determine."""
 
     estimates: FloatArray
     """(M, 6 + n) parameters of greatest likelihood, as `Parameters.everything`."""
     drawn: FloatArray
     """(M, n, p) draws of φ of equal weight from the posterior."""
     likely: FloatArray
-    """(M, n, p) the same with what other cars say as the prior; see `log_prior_of_likely`."""
+    """(M, n, p) draws of φ with other cars' population as prior; see `log_prior_of_likely`."""
     log_likelihood: FloatArray
     """(M, n) of the window's data at each draw, shared by all followers in Case I; nan for a model
     that is no CTHP."""
@@ -84,10 +84,10 @@ def window_posterior(
 def joint_posterior(
     segments: Segments, case: Case, spec: ModelSpec, kind: PosteriorKind = "likelihood"
 ) -> WindowPosterior:
-    """The same from some windows at once."""
+    """The posterior of several windows at once, which share their parameters."""
     space, followers = coordinates_of(spec.model), segments[0].followers
     speeds = median_speeds(segments)
-    estimates = np.full((followers, 6 + spec.following.own_count), np.nan)
+    estimates = np.full((followers, 6 + spec.following.nonlinear_count), np.nan)
     drawn, likely = np.full((2, followers, DRAWS, space.count), np.nan)
     log_likelihood = np.full((followers, DRAWS), np.nan)
     if kind == "likelihood":
@@ -96,8 +96,8 @@ def joint_posterior(
             estimates[row] = maximum.complete
             even = posterior.evenly(DRAWS)
             drawn[row], log_likelihood[row] = of_unknowns(even.coordinates), even.log_likelihood
-            told = posterior.under(of_others(spec, posterior.coordinates))
-            likely[row] = of_unknowns(told.evenly(DRAWS).coordinates)
+            pooled = posterior.under(of_others(spec, posterior.coordinates))
+            likely[row] = of_unknowns(pooled.evenly(DRAWS).coordinates)
     else:
         for row, best in simulation.estimates(segments, case, spec):
             estimates[row] = spec.following.linearisations(
@@ -110,7 +110,6 @@ def joint_posterior(
     return WindowPosterior(estimates, drawn, likely, log_likelihood, spec.model, speeds)
 
 
-@lru_cache(maxsize=64)
 def sampled(
     segments: Segments, case: Case, spec: ModelSpec
 ) -> Sequence[tuple[list[int], Maximum, Posterior]]:
@@ -118,12 +117,13 @@ def sampled(
 
     An answer from one window and the intervals of a fit to it have the same draws.
     """
-    known = determined_followers(segments, case)
-    if not known:
+    determined = determined_followers(segments, case)
+    if not determined:
         return ()
-    maxima = joint_maxima(segments, case, spec, known)
-    rows = [list(known)] if case == "I" else [[k] for k in known]
-    series, seeds = series_of(segments, case, known), [segments[0].vehicles[k[0] + 1] for k in rows]
+    maxima = joint_maxima(segments, case, spec, determined)
+    rows = [list(determined)] if case == "I" else [[k] for k in determined]
+    series = series_of(segments, case, determined)
+    seeds = [segments[0].vehicles[k[0] + 1] for k in rows]
     posteriors = sample(series, maxima, spec, seeds, partial(of_others, spec))
     return tuple(zip(rows, maxima, posteriors, strict=True))
 
@@ -137,13 +137,13 @@ def _beside_others(best: simulation.Optimum, spec: ModelSpec) -> FloatArray:
     space, free = coordinates_of(spec.model), free_of(spec)
     square = np.ix_(free, free)
     variances, vectors = np.linalg.eigh(best.covariance[square])
-    own = vectors / np.minimum(variances, 1.0) @ vectors.T  # no wider than the prior
+    information = vectors / np.minimum(variances, 1.0) @ vectors.T  # no wider than the prior
     parts = [Student(best.scores, best.covariance)]
     if not spec.following.is_linear:
         population = space.population.of(free)
         others = np.linalg.inv(population.cars + population.windows)
-        scale = np.linalg.inv(own - np.eye(len(own)) + others)
-        centre = scale @ (own @ best.scores[free] + others @ population.centre)
+        scale = np.linalg.inv(information - np.eye(len(information)) + others)
+        centre = scale @ (information @ best.scores[free] + others @ population.centre)
         parts.append(Student(best.scores.copy(), np.zeros_like(best.covariance)))
         parts[1].centre[free], parts[1].scale[square] = centre, scale
     proposal = Proposal(tuple(parts), np.full(len(parts), 1 / len(parts)))
@@ -156,7 +156,7 @@ def _beside_others(best: simulation.Optimum, spec: ModelSpec) -> FloatArray:
         phi = space.of_scores(z)
         # The optimum's prior, normal in z, gives way to that of other cars, a density over φ.
         log = log_prior_of_likely(spec, phi) - space.log_volume(z) + 0.5 * (z**2).sum(axis=1)
-        log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
+        log -= 0.5 * np.einsum("ni,ij,nj->n", away, information, away)
         log[((z < lower) | (z > upper)).any(axis=1)] = -np.inf
         sampling.add(z, z, log, none, none)
     return space.of_scores(sampling.posterior.evenly(DRAWS).coordinates)

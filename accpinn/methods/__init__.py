@@ -14,7 +14,8 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.findings import joined
 from accpinn.methods.estimate import Checkpoint, Estimate, OnProgress, ShouldStop
-from accpinn.model.cthp import Case, Trajectories
+from accpinn.methods.forecast import Phase
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
@@ -26,7 +27,7 @@ R = TypeVar("R")
 Segments = tuple[Segment, ...]
 """(K,) windows of the same vehicles."""
 PosteriorKind = Literal["likelihood", "simulation"]
-"""What an estimate's posterior comes from: the exact likelihood, or the errors of the closed-loop
+"""Source of an estimate's posterior: the exact likelihood, or the errors of the closed-loop
 simulation."""
 TYPICAL_SAMPLES = 3001
 """Samples of a window of 300 s."""
@@ -44,7 +45,7 @@ def one_thread(work: Callable[P, R]) -> Callable[P, R]:
 
 
 class Checkpoints(Protocol):
-    """Where a training keeps its state, to go on from there after a stop."""
+    """A place for a training's state, from which it continues after a stop."""
 
     def load(self, most: int) -> Checkpoint | None:
         """The latest state with at most so many iterations; None where there is none."""
@@ -53,15 +54,15 @@ class Checkpoints(Protocol):
         """Keep a state in place of the former one."""
 
     def reject(self, fault: Exception) -> None:
-        """Say that no training can go on from the state."""
+        """Report that no training can continue from the state."""
 
 
 @dataclass(frozen=True)
 class TaskContext:
-    """What a caller lends to a running estimation; by default nothing."""
+    """Callbacks and resources that a caller gives to a running estimation; by default none."""
 
     checkpoints: Checkpoints | None = None
-    """Where a long training keeps its state; None keeps nothing."""
+    """Storage for the state of a long training; None keeps nothing."""
     threads: int | None = None
     """Processor threads; None leaves the choice to the method."""
     on_progress: OnProgress | None = None
@@ -70,10 +71,12 @@ class TaskContext:
     """Asked several times a second; True ends an iterative method early."""
     on_estimate: Callable[[Estimate], object] | None = None
     """Called with the point as soon as it is known, before its intervals are."""
+    with_checks: bool = False
+    """Whether `study.run` also computes what a page shows beside the estimate, as a last phase."""
 
     @property
     def is_stopped(self) -> bool:
-        """Whether whoever asked for the estimation wants it to end."""
+        """Whether the caller has asked for the estimation to end."""
         return bool(self.should_stop and self.should_stop())
 
 
@@ -90,9 +93,9 @@ class Method:
     estimate of all windows; one that iterates reports its progress and can be stopped several times
     a second."""
     summary: str
-    """What it does, in one line, for the help of the command line."""
+    """One line for the help of the command line."""
     typical_seconds: Seconds
-    """One follower over 300 s on two cores; two thirds of it are cross-validation."""
+    """Duration on one follower over 300 s on two cores; two thirds of it are cross-validation."""
     version: int = 1
     """Raised whenever a change of the method changes its numbers; results then expire."""
     tolerance: float = 1e-6
@@ -101,6 +104,12 @@ class Method:
     """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Estimate.settings` that distinguish two estimates of this method."""
+    description: Callable[[Mapping[str, Any]], str] | None = None
+    """One sentence on its estimates with settings as JSON; by default see `described`."""
+    curve_title: str = ""
+    """The name of its curves in figures; empty for its title."""
+    minimises_papers_loss: Callable[[Mapping[str, Any]], bool] = lambda _: False
+    """Whether, with settings as JSON, its point is the minimum of the paper's loss Ψ."""
     is_closed_loop: bool = False
     """Whether its curves are its closed-loop simulation and so no surrogate."""
     allows_missing: Callable[[Mapping[str, Any]], bool] = lambda _: False
@@ -108,22 +117,35 @@ class Method:
     line may bridge."""
     duration: Callable[[Segments, Any], Seconds] | None = None
     """How long it takes on windows with settings, where that depends on these."""
+    phases: Callable[[Segments, Any, ModelSpec], Mapping[str, Phase]] | None = None
+    """Its phases by name on windows with settings and a model, in their order; None where it tells
+    no progress."""
+    initial: Callable[[Segments, Any, ModelSpec], tuple[str, Parameters]] | None = None
+    """The parameters (M,) at which its search begins on windows with settings and a model, and the
+    key of the model that they are of; None where nothing is sought step by step."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
     models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)
     """Keys of the models that it can estimate with settings as JSON, of which the first is its
     usual one."""
     posterior: Callable[[Mapping[str, Any]], PosteriorKind | None] = lambda _: None
-    """By what its estimates have a posterior with settings as JSON; None for points."""
+    """The source of its estimates' posterior with settings as JSON; None for points."""
     redraw: Callable[[Estimate, int, FloatArray, Seconds], Trajectories] | None = None
     """The curves in a window (0 for the first) at instants (N,) in s, from `Estimate.arrays` alone,
     and the window's duration in s; None for a method whose curves cannot be drawn again."""
 
     def expected_seconds(self, segments: Segments, settings: Any = None) -> Seconds:
-        """How long it takes on two cores, to within a factor of two or so."""
+        """The duration of an estimation on two cores, to within a factor of about two."""
         if self.duration:
             return self.duration(segments, settings)
         return self.typical_seconds * sum(map(relative_size, segments))
+
+    def described(self, settings: Mapping[str, Any]) -> str:
+        """One sentence on its estimates with settings as JSON: method, and whether intervals."""
+        if self.description:
+            return self.description(settings)
+        has_posterior = self.posterior(settings) is not None
+        return f"{self.title}{', with intervals' if has_posterior else ': a point'}."
 
     def usual_spec(self, settings: Any = None) -> ModelSpec:
         """The model that is estimated unless another is named."""
@@ -144,6 +166,7 @@ class Method:
                 f" {spec.model} choose the method simulation or the PiNN's preset fast or paper."
             )
 
+    @one_thread
     def fit(
         self,
         segments: Segment | Segments,
@@ -172,13 +195,7 @@ class Method:
             for segment in windows:
                 if segment.blocks_missing:
                     raise _refusal(segment, self.title)
-        return self._run(windows, case, settings, context or TaskContext(), spec)
-
-    @one_thread
-    def _run(
-        self, segments: Segments, case: Case, settings: Any, context: TaskContext, spec: ModelSpec
-    ) -> Estimate:
-        return self.run(segments, case, settings, context, spec)
+        return self.run(windows, case, settings, context or TaskContext(), spec)
 
     def _json(self, settings: Any) -> Mapping[str, Any]:
         """Settings as JSON; those by default where None are given."""
@@ -189,7 +206,7 @@ class Method:
 
 
 def relative_size(segment: Segment) -> float:
-    """How much longer methods take than on one follower over 300 s."""
+    """The size of a segment in relation to one follower over 300 s."""
     return segment.samples / TYPICAL_SAMPLES * (1 + FURTHER * (segment.followers - 1))
 
 

@@ -81,8 +81,8 @@ class _Dual(online.Filter):
             return
         points = unscented_points(self.mean, self.covariance)
         maps = online.step_maps(points, self._step)  # (G, 7, 2, 4)
-        known = np.concatenate([self.motion, ahead], axis=-1)
-        moved = known[:, None] @ maps.swapaxes(-1, -2)  # (G, 7, F, 2)
+        inputs = np.concatenate([self.motion, ahead], axis=-1)
+        moved = inputs[:, None] @ maps.swapaxes(-1, -2)  # (G, 7, F, 2)
         # The first point is the mean θ. Given θ the motion is linear, so that the transform's
         # moments are those of the linear map.
         transition, mean = maps[:, :1, :, :2], moved[:, 0]

@@ -1,4 +1,4 @@
-"""What every estimation method returns: one `Estimate` of one window or of several."""
+"""The result of every estimation method: one `Estimate` of one window or of several."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,15 +25,13 @@ if TYPE_CHECKING:
 
 
 class Outcome(NamedEnum):
-    """How an estimation ended; the values are the sentences that users read."""
+    """The end of an estimation; the values are the sentences that users read."""
 
     SOLVED = "Solved: no change of the estimate improves its criterion."
     CONVERGED = "Converged: further iterations would not noticeably change the estimate."
     FILTERED = "Filtered: every instant was processed once, in the order of time."
     FINISHED = "Finished: all planned iterations were run; the estimate may still change."
-    STOPPED = (
-        "Stopped by the user: the parameters are those of the last iteration; it can be continued."
-    )
+    STOPPED = "Stopped by the user: the parameters are those of the last iteration."
     DIVERGED = (
         "Diverged: the numbers are no longer finite; choose another window, or train with a lower"
         " learning rate or from other initial values."
@@ -152,7 +150,7 @@ class SimulatedSeparately(Finding, frozen=True):
 
 
 class HiddenLayersGain(Finding, frozen=True):
-    """What training the hidden layers contributed: Ψ before and after."""
+    """The reduction of Ψ by training the hidden layers."""
 
     text = "Training hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+z.1%})."
 
@@ -233,8 +231,9 @@ class Progress:
     """What runs: "start", "Adam", "L-BFGS", ..."""
     iteration: int
     iterations: int
-    """How many are planned at most."""
+    """How many are expected until the end of the phase, at most those planned."""
     seconds: Seconds
+    """Since the estimation began, without pauses."""
     total: float
     data: float
     physics: float
@@ -249,12 +248,12 @@ class Progress:
     """The motion in the first window by the present estimate: the network's curves, or the drive
     simulated by the present parameters; only now and then, as it costs time."""
     left: Seconds | None = None
-    """Time left, where the method can tell it better than its rate of iterations does."""
+    """Time until all is done, later phases included; see `methods.forecast`."""
 
 
 @dataclass(frozen=True)
 class _About:
-    """What a part of an estimate is about: it follows from the estimate, and is in no file."""
+    """The subject of a part of an estimate; it follows from the estimate and is in no file."""
 
     model: str
     """Key of the model whose parameters it has."""
@@ -347,14 +346,14 @@ class Span(Quantity):
 
 @dataclass(frozen=True, eq=False)
 class Posterior(_Part):
-    """What is known of the parameters of M followers from K windows and from other cars, as draws.
+    """The posterior of M followers' parameters, from K windows and from other cars, as draws.
 
-    All draws are nan for a follower that is not determined. Those of a model that is no CTHP have
-    the model's own parameters in `Parameters.own`, beside the linearisation at the median speed.
+    All draws are nan for a follower that is not determined. Those of a nonlinear model have its
+    parameters in `Parameters.nonlinear`, beside the linearisation at the median speed.
     """
 
     method: str
-    """How the draws were made, in words."""
+    """The method of drawing, in words."""
     level: float
     """Share of the intervals that are to cover the truth, if the model holds."""
     typical: Parameters
@@ -371,9 +370,10 @@ class Posterior(_Part):
     """(M,) probability that windows differ as much by sampling error alone; nan for one window, and
     under a model that is no CTHP."""
     draws: FloatArray
-    """(M,) how many independent draws those of the least certain window are worth."""
+    """(M,) the effective number of draws of the least certain window."""
     followers_differ: float = float("nan")
-    """The same of followers that share their parameters, in the first window; nan elsewhere."""
+    """Probability that followers with shared parameters differ as much by sampling error alone, in
+    the first window; nan where they do not share them."""
 
     def to_frame(self) -> "DataFrame":
         """The draws, one a row: kind, vehicle (number in the file), draw and parameters.
@@ -401,7 +401,7 @@ SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What a method found of M followers in K windows: one parameter set a follower, and how.
+    """A method's estimate of M followers in K windows: one parameter set a follower.
 
     The parameters are those that hold in all windows together. An estimate without a posterior is
     a point: it has no intervals.
@@ -414,7 +414,7 @@ class Estimate:
     case: Case
     parameters: Parameters
     """(M,) one entry a follower, also in Case I, where all are the same. Those of a model that is
-    no CTHP are in their ``own``, beside its linearisation at the follower's median speed."""
+    no CTHP are in their `nonlinear`, beside its linearisation at the follower's median speed."""
     curves: tuple[Trajectories, ...]
     """(K,) the method's estimate of the true motion in each window, on its instants; empty for a
     method without curves."""
@@ -432,7 +432,7 @@ class Estimate:
     windows: Parameters | None = None
     """(K, M) the estimate of each window by itself; None where the method has none."""
     posterior: Posterior | None = None
-    """What is known beside the point; None for a method without intervals."""
+    """The posterior beside the point; None for a method without intervals."""
     loss: dict[str, float] = field(default_factory=dict)
     """"total", "data", "physics", and for a network also "initial" and what it started from;
     "log_likelihood" of a method that maximises it."""
@@ -448,7 +448,7 @@ class Estimate:
     """Number of weights of the network of one window."""
     cached: bool = False
     findings: tuple[MethodFinding, ...] = ()
-    """What the user should know about this result."""
+    """Findings that the user should know."""
     arrays: dict[str, FloatArray] = field(default_factory=dict)
     """The method's own state by name, such as networks' weights: enough to start from it. What
     belongs to one window has a name as `of_window` reads it."""
@@ -513,9 +513,9 @@ class Estimate:
             gap = self.time_gap(speed, k)
             ends = f" ({gap.lower:.2f}–{gap.upper:.2f})" if self.posterior else ""
             gaps.append(f"{gap.value:.2f} s{ends}")
-        said = ", ".join(gaps)
+        listed = ", ".join(gaps)
         return (
-            f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+            f"<Estimate: {self.method}, {self.model}; time gap at {3.6 * speed:.0f} km/h: {listed}>"
         )
 
     @property
@@ -554,19 +554,19 @@ class Estimate:
         return SPEEDS[0] if is_slow or not reached else reached[-1]
 
     def is_driven(self, speed: MetresPerSecond, follower: int) -> bool:
-        """Whether a follower's windows hold a speed; what is said of another is extrapolated."""
+        """Whether a follower's windows contain a speed; results at others are extrapolated."""
         low, high = self.driven[:, follower]
         return bool(low <= speed <= high)
 
     def is_determined(self, name: str, follower: int) -> bool:
-        """Whether the data say more of a parameter of a follower (0 for the first) than its prior.
+        """Whether the data determine a follower's parameter (0 for the first) beyond its prior.
 
         Of one that they do not, the value is no finding.
         """
         symbol = next(p.symbol for p in self.following.parameters if p.name == name)
         kinds = Undetermined | Implausible
-        found = [f for f in self.findings if isinstance(f, kinds) and symbol in f.symbols]
-        numbers = {finding.vehicle for finding in found}
+        named = [f for f in self.findings if isinstance(f, kinds) and symbol in f.symbols]
+        numbers = {finding.vehicle for finding in named}
         return not numbers & {0, self.numbers[follower]}
 
     @checked_method
@@ -610,7 +610,7 @@ class Estimate:
 
     @cached_property
     def _spans(self) -> dict[tuple[object, ...], Span]:
-        """Those asked for so far: pages ask for the same again and again."""
+        """Spans computed so far, as pages ask for the same ones at every run."""
         return {}
 
     def _span(
@@ -629,10 +629,10 @@ class Estimate:
             check_level(level)
         key = (*what, follower, level)
         if key not in self._spans:
-            known, draws = self.posterior, None
-            if known:
-                draws = of(known.typical)[:, follower], of(known.further)[:, follower]
-            share = level or (known.level if known else float("nan"))
+            posterior, draws = self.posterior, None
+            if posterior:
+                draws = of(posterior.typical)[:, follower], of(posterior.further)[:, follower]
+            share = level or (posterior.level if posterior else float("nan"))
             self._spans[key] = Span.of(of(self.parameters)[follower], draws, share)
         return self._spans[key]
 
@@ -644,7 +644,7 @@ def of_window(arrays: Mapping[str, Any], window: int) -> dict[str, Any]:
 
 
 def for_window(arrays: Mapping[str, Any], window: int) -> dict[str, Any]:
-    """The same arrays by names that `of_window` reads."""
+    """The arrays of one window by names with its number, as `of_window` reads them."""
     return {f"window{window}.{name}": values for name, values in arrays.items()}
 
 

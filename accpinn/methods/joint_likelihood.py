@@ -58,7 +58,7 @@ class DisturbanceSize(Finding, frozen=True):
 
 
 class Rise(NamedTuple):
-    """Where the search for the maxima of G groups has come to; of each the best of its starts.
+    """The state of the search for the maxima of G groups; of each the best of its starts.
 
     At first it is where a caller's initial values are.
     """
@@ -148,19 +148,19 @@ def _joint_maxima(
 ) -> tuple[Maximum, ...]:
     if spec == PAPER_SPEC:
         return maximise(series_of(segments, case, followers))
-    known = _joint_maxima(segments, case, PAPER_SPEC, followers)
-    starts = _further_starts(spec.model, [maximum.coordinates for maximum in known])
+    simpler = _joint_maxima(segments, case, PAPER_SPEC, followers)
+    starts = _further_starts(spec.model, [maximum.coordinates for maximum in simpler])
     return maximise(series_of(segments, case, followers), spec, starts)
 
 
-def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
+def _further_starts(form: Form, maxima: Sequence[FloatArray]) -> list[FloatArray]:
     """Starts of a model with further terms, from the maxima (G, P) of the CTHP."""
     terms = FOLLOWING[form].terms
     intercept = INTERCEPT if "s0" in terms else 0.0
     starts = []
     for late in LATENESSES if terms[-1] != "s0" else (0.0,):
         further = [intercept if term == "s0" else late for term in terms]
-        for z in known:
+        for z in maxima:
             tau = np.exp(z[1] - z[0]) - intercept / TYPICAL_SPEED
             start = np.append(z, further)
             start[1] = z[0] + np.log(max(tau, SHORTEST_HEADWAY))
@@ -168,9 +168,8 @@ def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]
     return starts
 
 
-@lru_cache(maxsize=64)
 def without_bounds(segments: Segments, case: Case) -> dict[int, Maximum]:
-    """Where a bound is active, by group: the maximum without the rational driving constraints.
+    """The maximum without the rational driving constraints, by group, where a bound is active.
 
     It is that of the CTHP.
     """

@@ -9,7 +9,7 @@ transition F and added covariance Q, an instant with measurements y is
 with V diagonal and W unit lower triangular: e are the innovations of the measurements taken in one
 by one, as their noise is independent. A missing sample has infinite noise. Once P no longer changes
 and nothing is missing, neither do the gains K, and what is left is one linear recursion, which goes
-on in blocks of instants.
+on in blocks of instants (`constant_gain`).
 
 Where nothing is missing at all, that recursion does for all instants. P has its limit P* from the
 first one on if the first state's mean is δ ~ N(0, P₀ - P*), and δ enters linearly: with b and O
@@ -24,36 +24,36 @@ the last, as products of many small matrices are fastest so.
 
 Sources: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters 4
 (filter, smoother) and 6.4 (one measurement at a time); Lainiotis, IEEE Trans. Autom. Control 16
-(1971) 160-170 (a first state in two parts); Anderson, International Journal of Control 28 (1978)
-295-306 (doubling).
+(1971) 160-170 (a first state in two parts).
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.methods.constant_gain import (
+    BLOCK,
+    WIDTH,
+    ConstantGain,
+    Gains,
+    blocks_of,
+    evened,
+    first_axis,
+    limits,
+    turned,
+)
 from accpinn.methods.state_space import OBSERVED, Columns, StateSpace
 from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-11
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-DOUBLED, DOUBLINGS = 1e-6, 16
-"""Largest change of a variance in a doubling after which there is no further one, as the next one
-would change the square of it; and most of them."""
-FORGOTTEN = 1e-8
-"""Largest share of a state that later ones keep, taken for none."""
-BLOCK = 8
-"""Instants whose innovations are found at once with constant gains, a power of two; more and fewer
-are slower."""
 STRETCH = 40_000
 """Instants times models with constant gains at once, so that they fit the cache."""
 JOINED = 64
 """Most instants with gains of their own whose innovations are summed at once."""
-WIDTH = len(OBSERVED)
 LOG_TWO_PI = float(np.log(2 * np.pi))
 Places = NDArray[np.intp]
 
@@ -64,8 +64,8 @@ class Innovations:
 
     errors: FloatArray
     """Independent of each other if the model holds; 0 where a sample is missing."""
-    known: Mask
-    """Whether the sample is there."""
+    present: Mask
+    """Whether the sample is present."""
     distinct: FloatArray
     """(V, 3, B) the variances before each of their changes; 1 where a sample is missing."""
     which: NDArray[np.intp]
@@ -80,11 +80,11 @@ class Innovations:
     def log_density(self) -> FloatArray:
         """(N, 3, B): what each measurement adds to log L; 0 where it is missing."""
         density = -0.5 * (self.errors**2 / self.variances + np.log(self.variances) + LOG_TWO_PI)
-        return np.where(self.known, density, 0.0)
+        return np.where(self.present, density, 0.0)
 
 
 class Pairs(NamedTuple):
-    """Which models meet which measurements."""
+    """Pairs of a model and a series of measurements."""
 
     models: Places
     """(B,) of U models."""
@@ -92,7 +92,7 @@ class Pairs(NamedTuple):
     """(B,) of S series of measurements."""
 
     @classmethod
-    def each(cls, count: int) -> "Pairs":
+    def one_to_one(cls, count: int) -> "Pairs":
         """Every model with measurements of its own."""
         return cls(np.arange(count), np.arange(count))
 
@@ -109,16 +109,16 @@ class Part(NamedTuple):
     variances: FloatArray
     """(u, K, 3) v, or (u, 1, 3) where all instants have the same; 1 where a sample is missing."""
     units: FloatArray | None
-    """The same of the first of the models that are together, whose roots are the units; None where
-    each is by itself."""
+    """The variances of the first of the models that are together, whose roots are the units; None
+    where each is by itself."""
     more: FloatArray | float = 0.0
     """(u, r) what the first state adds."""
     first: FloatArray | None = None
     """(u, r, n) the most probable first state, in its deviations, where models are together."""
 
     @property
-    def each(self) -> int:
-        """How many instants have each of the variances."""
+    def repeats(self) -> int:
+        """The number of instants that share each of the variances."""
         return int(self.instants // self.variances.shape[1])
 
     @property
@@ -127,13 +127,13 @@ class Part(NamedTuple):
         if self.units is None:
             flat = self.errors.reshape(*self.columns.shape, -1)
             squares = np.einsum("urk,urk->ur", flat, flat)
-        elif self.each > 1:
+        elif self.repeats > 1:
             by_row = np.einsum("urkc,urkc->urc", self.errors, self.errors)
             squares = (by_row * (self.units / self.variances)).sum(axis=2)
         else:
             by_instant = self.errors**2 * (self.units / self.variances)[:, None]
             squares = by_instant.sum(axis=(2, 3))
-        logs = self.each * np.log(self.variances).sum(axis=(1, 2))
+        logs = self.repeats * np.log(self.variances).sum(axis=(1, 2))
         return np.asarray(squares + logs[:, None] + self.more)
 
 
@@ -144,7 +144,7 @@ def log_likelihood(
 
     By default each model meets its own measurements.
     """
-    pairs = pairs or Pairs.each(measured.shape[2])
+    pairs = pairs or Pairs.one_to_one(measured.shape[2])
     total = constant(measured, pairs)
     for part in parts(model, measured, pairs):
         is_there = part.columns >= 0
@@ -167,9 +167,9 @@ def parts(
     they have their innovations in the same units.
     """
     used, own_series = np.unique(pairs.series, return_inverse=True)
-    known = ~np.isnan(measured[:, :, used])
-    for alike in _alike(known):
-        part = known[:, :, alike]
+    present = ~np.isnan(measured[:, :, used])
+    for alike in _alike(present):
+        part = present[:, :, alike]
         end = _end(part)
         member = np.full(len(used), -1)
         member[alike] = np.arange(part.shape[2])
@@ -197,7 +197,7 @@ def _by_model(models: Places, columns: Places) -> tuple[Places, Places]:
 def _instants_parts(
     model: StateSpace, measured: FloatArray, columns: Places, together: int
 ) -> Iterator[Part]:
-    """Those of models each with measurements (N, 3, u), of which some are missing."""
+    """The parts of models each with measurements (N, 3, u), of which some are missing."""
     waiting = list[_Step]()
     for step in _filtered(model, measured):
         if waiting and (step.constant or len(waiting) == JOINED):
@@ -233,107 +233,55 @@ def innovations(
     model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
 ) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
-    pairs = pairs or Pairs.each(measured.shape[2])
+    pairs = pairs or Pairs.one_to_one(measured.shape[2])
     measured = measured[:, :, pairs.series]
-    known: Mask = np.asarray(~np.isnan(measured))
-    errors, variances = np.zeros(known.shape), np.ones(known.shape)
-    changes = np.zeros(len(known) + 1, bool)
+    present: Mask = np.asarray(~np.isnan(measured))
+    errors, variances = np.zeros(present.shape), np.ones(present.shape)
+    changes = np.zeros(len(present) + 1, bool)
     changes[0] = True
-    for alike in _alike(known):
-        end = _end(known[:, :, alike])
+    for alike in _alike(present):
+        end = _end(present[:, :, alike])
         changes[end] = True
         part = model.of(pairs.models[alike])
         for step in _filtered(part, measured[:end, :, alike]):
-            there = step.gains.variances.T
+            changed = step.gains.variances.T
             errors[step.at, :, alike] = step.errors.transpose(1, 2, 0)
-            variances[step.at, :, alike] = np.where(np.isinf(there), 1.0, there)
+            variances[step.at, :, alike] = np.where(np.isinf(changed), 1.0, changed)
             changes[step.at.start] = True
     which = changes[:-1].cumsum() - 1
-    found = Innovations(errors, known, variances[changes[:-1]], which)
-    return np.asarray(found.log_density.sum(axis=(0, 1))), found
+    sequence = Innovations(errors, present, variances[changes[:-1]], which)
+    return np.asarray(sequence.log_density.sum(axis=(0, 1))), sequence
 
 
-def _alike(known: Mask) -> Iterator[Columns]:
+def _alike(present: Mask) -> Iterator[Columns]:
     """The columns of (N, 3, B) that are best filtered together, group by group.
 
     A missing sample keeps the gains of its group from settling. So series that miss different
     samples, such as those of different length, go apart if fewer instants are incomplete then.
     """
-    if known.all():
+    if present.all():
         yield slice(None)
         return
-    patterns = np.packbits(known.reshape(-1, known.shape[2]).T, axis=1)
+    patterns = np.packbits(present.reshape(-1, present.shape[2]).T, axis=1)
     alike: dict[bytes, list[int]] = {}
     for column, pattern in enumerate(patterns):
         alike.setdefault(pattern.tobytes(), []).append(column)
     groups = [np.array(columns) for columns in alike.values()]
-    if sum(_incomplete(known[:, :, columns[:1]]) for columns in groups) < _incomplete(known):
+    if sum(_incomplete(present[:, :, columns[:1]]) for columns in groups) < _incomplete(present):
         yield from groups
     else:
         yield slice(None)
 
 
-def _incomplete(known: Mask) -> int:
+def _incomplete(present: Mask) -> int:
     """Instants (N, 3, B) before the last sample at which one is missing."""
-    return _end(known) - int(known.all(axis=(1, 2)).sum())
+    return _end(present) - int(present.all(axis=(1, 2)).sum())
 
 
-def _end(known: Mask) -> int:
-    """How many instants (N, 3, B) there are up to the last sample."""
-    instants = np.flatnonzero(known.any(axis=(1, 2)))
+def _end(present: Mask) -> int:
+    """The number of instants (N, 3, B) up to the last sample."""
+    instants = np.flatnonzero(present.any(axis=(1, 2)))
     return int(instants[-1]) + 1 if len(instants) else 0
-
-
-def first_axis(part: FloatArray) -> FloatArray:
-    """(u, n, m) from (n, m, u), in order in memory."""
-    return np.ascontiguousarray(part.transpose(2, 0, 1))
-
-
-def turned(matrix: FloatArray) -> FloatArray:
-    """The transposes (u, m, n) of matrices (u, n, m), in order in memory."""
-    return np.ascontiguousarray(matrix.transpose(0, 2, 1))
-
-
-def evened(matrix: FloatArray) -> FloatArray:
-    """Matrices (u, n, n) that rounding made uneven."""
-    return np.asarray((matrix + matrix.transpose(0, 2, 1)) / 2)
-
-
-class Gains(NamedTuple):
-    """What the filter does with the measurements of an instant."""
-
-    variances: FloatArray
-    """(u, 3) V; infinite where a sample is missing."""
-    whitening: FloatArray
-    """(u, 3, 3) W."""
-    moved: FloatArray
-    """(u, 3, n) V K."""
-
-    @classmethod
-    def of(cls, covariance: FloatArray, back: FloatArray, noise: FloatArray) -> "Gains":
-        """From P (u, n, n), Fᵀ (u, n, n), and the noise's variances (3, u)."""
-        p = np.ascontiguousarray(covariance[:, :WIDTH, :WIDTH].transpose(1, 2, 0))
-        count = len(covariance)
-        variances, whitening = np.empty((count, WIDTH)), np.tile(np.eye(WIDTH), (count, 1, 1))
-        first = p[0, 0] + noise[0]
-        v_on_p, u_on_p = p[1, 0] / first, p[2, 0] / first
-        second = p[1, 1] - v_on_p * p[1, 0] + noise[1]
-        left = p[2, 1] - u_on_p * p[1, 0]
-        u_on_v = left / second
-        third = p[2, 2] - u_on_p * p[2, 0] - u_on_v * left + noise[2]
-        variances[:, 0], variances[:, 1], variances[:, 2] = first, second, third
-        whitening[:, 1, 0], whitening[:, 2, 1] = -v_on_p, -u_on_v
-        whitening[:, 2, 0] = u_on_v * v_on_p - u_on_p
-        return cls(variances, whitening, whitening @ (covariance[:, :WIDTH] @ back))
-
-    @property
-    def gains(self) -> FloatArray:
-        """(u, 3, n) K."""
-        return self.moved / self.variances[:, :, None]
-
-    def models(self, some: slice) -> "Gains":
-        """Those of some models."""
-        return Gains(*(part[some] for part in self))
 
 
 # Where nothing is missing
@@ -342,22 +290,22 @@ class Gains(NamedTuple):
 def _whole_parts(
     model: StateSpace, measured: FloatArray, series: Places, columns: Places, together: int
 ) -> Iterator[Part]:
-    """Those of measurements (N, 3, S), of which each of u models has the ``series`` (u, r)."""
-    samples, (count, each) = len(measured), series.shape
+    """The parts of complete measurements (N, 3, S); each of u models has the ``series`` (u, r)."""
+    samples, (count, repeats) = len(measured), series.shape
     filled = np.concatenate([measured, np.tile(measured[-1:], (-samples % BLOCK, 1, 1))])
-    blocks, transition = _blocks(filled), first_axis(model.transition)
+    blocks, transition = blocks_of(filled), first_axis(model.transition)
     process = first_axis(model.process)
-    covariance, information = _limits(transition, process, model.noise, together)
+    covariance, information = limits(transition, process, model.noise, together)
     gains = Gains.of(covariance, turned(transition), model.noise)
     apart = first_axis(model.first_covariance) - covariance
-    width = max(1, STRETCH // (samples * each * together)) * together
+    width = max(1, STRETCH // (samples * repeats * together)) * together
     for at in range(0, count, width):
         some = slice(at, min(at + width, count))
-        own, inputs = gains.models(some), blocks[series[some]]
+        chosen, inputs = gains.models(some), blocks[series[some]]
         inputs[..., ::WIDTH] -= model.shift[some, None, None, None]
-        constant = ConstantGain(transition[some], own)
+        constant = ConstantGain(transition[some], chosen)
         errors, push, more = constant.whole(inputs, samples, apart[some], information[some])
-        variances, first = own.variances[:, None], None
+        variances, first = chosen.variances[:, None], None
         units = _units(variances, together)
         if units is not None:
             first = push @ _root(apart[some])
@@ -375,226 +323,6 @@ def _root(covariance: FloatArray) -> FloatArray:
         pivot = np.sqrt(np.where(is_there, column[:, 0], 1.0))
         root[:, k:, k] = column * (is_there / pivot)[:, None]
     return root
-
-
-def _limits(
-    transition: FloatArray, process: FloatArray, noise: FloatArray, together: int
-) -> tuple[FloatArray, FloatArray]:
-    """(u, n, n) P*, and O of all instants to come.
-
-    From F (u, n, n), Q (u, n, n), and the noise's variances (3, u). Of models that are together and
-    hardly differ, those beside the first follow from its limits by one step of Newton's method.
-    """
-    covariance, information = _doubled(
-        transition[::together], process[::together], noise[:, ::together]
-    )
-    if together == 1:
-        return covariance, information
-    back = turned(transition)
-    covariance, information = (
-        np.repeat(part, together, axis=0) for part in (covariance, information)
-    )
-    gains = Gains.of(covariance, back, noise)
-    off = transition @ (covariance @ back) - turned(gains.moved) @ gains.gains
-    off += process - covariance
-    near = ConstantGain(transition[::together], gains.models(slice(None, None, together)))
-    covariance = evened(covariance + near.summed(off, together))
-    gains = Gains.of(covariance, back, noise)
-    own = ConstantGain(transition, gains)
-    off = own.back @ information @ turned(own.back) - information
-    off[:, :WIDTH, :WIDTH] += turned(own.whitening) @ own.whitening
-    return covariance, evened(information + near.summed(off, together, is_back=True))
-
-
-def _doubled(
-    transition: FloatArray, process: FloatArray, noise: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The same, by doubling the instants."""
-    unit, covariance = np.eye(transition.shape[1]), process
-    forward, back = transition, turned(transition)
-    information = np.zeros_like(transition)  # on the first state
-    for i, variances in zip(OBSERVED, noise, strict=True):
-        information[:, i, i] = 1.0 / variances
-    for _ in range(DOUBLINGS):
-        inverse = np.linalg.inv(information @ covariance + unit)
-        moved = inverse @ back
-        added = forward @ (covariance @ moved)
-        information = information + back @ (inverse @ information @ forward)
-        covariance = covariance + added
-        back = back @ moved
-        forward = turned(back)
-        variances = np.einsum("uii->ui", covariance)
-        if not (np.einsum("uii->ui", added) > DOUBLED * variances).any():
-            break
-    covariance, information = evened(covariance), evened(information)
-    inverse = np.linalg.inv(information @ covariance + unit)
-    return covariance, evened(inverse @ information)
-
-
-class ConstantGain:
-    """A step of the filter with constant covariance, as linear maps of rows.
-
-    Over a block of instants, innovations and next state are one linear map of the state at its
-    start and of all its measurements.
-    """
-
-    def __init__(self, transition: FloatArray, gains: Gains) -> None:
-        """From F (u, n, n)."""
-        self.whitening = gains.whitening / np.sqrt(gains.variances)[:, :, None]
-        """(u, 3, 3): from measurements less the predicted ones to e, in its deviations."""
-        self._drive = turned(gains.whitening) @ gains.gains
-        """(u, 3, n): what the measurements add to the next predicted state."""
-        self.back = turned(transition)
-        """(u, n, n): of the predicted state, the measurements' share taken out."""
-        self.back[:, :WIDTH] -= self._drive
-
-    @cached_property
-    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Over L = `BLOCK` instants.
-
-        (u, 3 L, n): from measurements to the state after them; (u, n + 3 L, 3 L): from the state
-        before and the measurements to the innovations; (u, n, n): from the state before to the one
-        after.
-        """
-        count, _, size = self._drive.shape
-        rows, whitening = BLOCK * WIDTH, turned(self.whitening)
-        pushes, errors = np.empty((count, rows, size)), np.zeros((count, size + rows, rows))
-        free, direct = errors[:, :size], errors[:, size:]
-        pushes[:, -WIDTH:], free[:, :WIDTH, :WIDTH] = self._drive, -whitening
-        power, reach = self.back, WIDTH
-        while reach < rows:
-            pushes[:, -2 * reach : rows - reach] = pushes[:, -reach:] @ power
-            free[:, :, reach : 2 * reach] = power @ free[:, :, :reach]
-            power, reach = power @ power, 2 * reach
-        responses = np.concatenate([whitening, self._drive @ free[:, :, :-WIDTH]], axis=2)
-        for start in range(0, rows, WIDTH):
-            direct[:, start : start + WIDTH, start:] = responses[:, :, : rows - start]
-        return pushes, errors, power
-
-    def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Innovations (u, r, m, 3 J), in deviations, of measurements (u, r, m, 3 J).
-
-        They are m blocks of `BLOCK` instants J, or one of less; the state (u, r, n) is that
-        predicted for the first instant. Also returned is the state after them.
-        """
-        pushes, errors, power = self._block
-        count, series, blocks, rows = measured.shape
-        size = len(power[0])
-        if rows < BLOCK * WIDTH:
-            power = np.linalg.matrix_power(self.back, rows // WIDTH)
-            errors = np.concatenate([errors[:, :size], errors[:, size : size + rows]], axis=1)
-        inputs = measured.reshape(count, -1, rows)
-        pushed = (inputs @ pushes[:, -rows:]).reshape(count, series, blocks, -1)
-        every = recursion(power, pushed, state)
-        starts = every[:, :, :-1].reshape(count, series * blocks, -1)
-        found = np.concatenate([starts, inputs], axis=2) @ errors[:, :, :rows]
-        return found.reshape(measured.shape), every[:, :, -1]
-
-    def whole(
-        self, measured: FloatArray, samples: int, apart: FloatArray, information: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Innovations (u, r, m, 3 L), in deviations, with the most probable first state δ.
-
-        From measurements (u, r, m, 3 L), of which so many ``samples`` N are there, P₀ - P*
-        (u, n, n), and O (u, n, n) of all instants to come. Also returned are b - O δ (u, r, n), and
-        (u, r) what δ adds to -2 log L.
-        """
-        _, free, power = self._block
-        free = free[:, : len(power[0])]
-        blocks, kept, reach = measured.shape[2], power, 1
-        while reach < blocks and np.abs(kept).max() > FORGOTTEN:
-            kept, reach = kept @ kept, 2 * reach
-        zero = np.zeros((*measured.shape[:2], len(power[0])))
-        near = zero.copy()  # what is measured first, which the first state will be close to
-        near[..., :WIDTH] = measured[:, :, 0, :WIDTH]
-        errors = self.over(measured, near)[0]
-        errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
-        if reach >= blocks:
-            reach = blocks
-            after: FloatArray = np.asarray(np.linalg.matrix_power(self.back, samples), float)
-            information = information - after @ information @ after.transpose(0, 2, 1)
-        by_block = errors[:, :, :reach] @ turned(free)[:, None]
-        b = -recursion(turned(power), by_block[:, :, ::-1], zero)[:, :, -1]
-        matrix = np.eye(len(power[0])) + apart @ information
-        further = turned(np.asarray(np.linalg.solve(matrix, turned(b @ apart - near)), float))
-        push = b - further @ information
-        more = ((near + further) * push).sum(axis=2) + np.linalg.slogdet(matrix)[1][:, None]
-        states = recursion(power, np.zeros_like(by_block[:, :, 1:]), further)
-        errors[:, :, :reach] += states @ free[:, None]
-        errors.reshape(*zero.shape[:2], -1, WIDTH)[:, :, samples:] = 0.0
-        return errors, push, more
-
-    def summed(self, matrices: FloatArray, together: int, is_back: bool = False) -> FloatArray:
-        """Sums of A^k M Aᵀ^k over all k, of symmetric matrices M (u, n, n), so many per A together.
-
-        The other way round, ``is_back``, they are of Aᵀ^k M A^k.
-        """
-        count, size, _ = self.back.shape
-        power = turned(self.back) if is_back else self.back
-        total = matrices
-        for _ in range(DOUBLINGS):
-            half = total.reshape(count, -1, size) @ power
-            half = turned(half.reshape(-1, size, size)).reshape(count, -1, size)
-            added = (half @ power).reshape(total.shape)
-            total = total + added
-            if not (np.abs(added) > DOUBLED * np.abs(total).max()).any():
-                break
-            power = power @ power
-        return total
-
-    def states(self, measured: FloatArray, states: FloatArray) -> FloatArray:
-        """(u, K, n) predicted under measurements (u, K, 3), from (u, n) for the first instant."""
-        driven = (measured @ self._drive)[:, None]
-        return recursion(self.back, driven, states[:, None])[:, 0, :-1]
-
-    def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
-        """The smoother's r (u, K, n) from that after K instants (u, n), and their errors (u, K, 3).
-
-        These are in their deviations.
-        """
-        pushes = np.zeros((len(errors), 1, errors.shape[1], information.shape[1]))
-        pushes[:, 0, :, :WIDTH] = errors[:, ::-1] @ self.whitening
-        every = recursion(turned(self.back), pushes, information[:, None])
-        return every[:, 0, :0:-1]
-
-
-def recursion(back: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
-    """(u, r, m+1, n) of the rows x_{k+1} = x_k B + d_k, from B (u, n, n), d (u, r, m, n), x_0.
-
-    They are cut into stretches that go on together: first each from zero, which gives where all of
-    them begin, and then from there.
-    """
-    count, series, m, size = driven.shape
-    steps = max(1, round(np.sqrt(m)))
-    stretches = m // steps + 1
-    pushes = np.zeros((steps, count, series, stretches, size))
-    for k, push in enumerate(pushes):
-        some = driven[:, :, k::steps]
-        push[:, :, : some.shape[2]] = some
-    pushes = pushes.reshape(steps, count, -1, size)
-    ends = pushes[0]
-    for push in pushes[1:]:
-        ends = ends @ back
-        ends += push
-    ends = ends.reshape(count, series, stretches, size)
-    states = np.empty_like(pushes)
-    begins = states[0].reshape(count, series, stretches, size)
-    begins[:, :, 0] = state
-    over_stretch = np.linalg.matrix_power(back, steps)
-    for k in range(1, stretches):
-        begins[:, :, k] = begins[:, :, k - 1] @ over_stretch + ends[:, :, k - 1]
-    for reached, later, push in zip(states, states[1:], pushes, strict=False):
-        np.matmul(reached, back, out=later)
-        later += push
-    every = states.reshape(steps, count, series, stretches, size).transpose(1, 2, 3, 0, 4)
-    return np.asarray(every.reshape(count, series, -1, size)[:, :, : m + 1])
-
-
-def _blocks(measured: FloatArray) -> FloatArray:
-    """(S, m, 3 J) the measurements (J m, 3, S) of m blocks of J = `BLOCK` instants, or one."""
-    each, count = min(BLOCK, len(measured)), measured.shape[2]
-    blocks = measured.reshape(-1, each * WIDTH, count)
-    return np.ascontiguousarray(blocks.transpose(2, 0, 1))
 
 
 # Instant by instant
@@ -625,8 +353,8 @@ class _Step(NamedTuple):
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     """The filter over measurements (N, 3, u), each with a model of its own."""
-    known = ~np.isnan(measured)
-    whole: Mask = np.asarray(known.all(axis=(1, 2)))
+    present = ~np.isnan(measured)
+    whole: Mask = np.asarray(present.all(axis=(1, 2)))
     instants = np.ascontiguousarray(measured.transpose(0, 2, 1))
     instants[:, :, OBSERVED[0]] -= model.shift
     transition, process, covariance = map(
@@ -635,7 +363,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     back, state, samples, k = turned(transition), model.first.T, len(measured), 0
     while k < samples:
         away, noise = instants[k] - state[:, :WIDTH], model.noise
-        missing = ~known[k].T
+        missing = ~present[k].T
         if not whole[k]:
             away[missing], noise = 0.0, np.where(missing.T, np.inf, noise)
         gains = Gains.of(covariance, back, noise)
@@ -654,7 +382,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
             for last in (end - (end - k) % BLOCK, end):
                 if last > k:
                     taken_in = instants[k:last].transpose(1, 0, 2)
-                    blocks = _blocks(instants[k:last].transpose(0, 2, 1))[:, None]
+                    blocks = blocks_of(instants[k:last].transpose(0, 2, 1))[:, None]
                     errors, after = constant.over(blocks, state[:, None])
                     errors = errors.reshape(len(state), -1, WIDTH)
                     errors *= np.sqrt(gains.variances)[:, None]

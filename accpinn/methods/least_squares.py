@@ -88,14 +88,14 @@ def _estimate(
     **others: Any,
 ) -> Estimate:
     """The estimate by the rows of all windows (K,), with that of each window by itself."""
-    own = [part.solve(case, spec).parameters.everything for part in parts]
+    by_window = [part.solve(case, spec).parameters.everything for part in parts]
     return Estimate.of(
         method,
         segments,
         case,
         spec,
         Regression.joined(parts).solve(case, spec),
-        windows=Parameters.of(own),
+        windows=Parameters.of(by_window),
         outcome=Outcome.SOLVED,
         **others,
     )

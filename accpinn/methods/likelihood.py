@@ -55,7 +55,7 @@ GAP_NOISE = [unknown.name for unknown in COMMON].index("gap_noise")
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where the criterion of one group is largest."""
+    """The maximum of the criterion of one group."""
 
     form: Form
     coordinates: FloatArray
@@ -153,8 +153,8 @@ class Criterion:
         for part in np.array_split(pairs, range(most, len(pairs), most)):
             which, series = part.T
             rows, models = np.unique(which, return_inverse=True)
-            own = Pairs(models, series)
-            part_total = log_likelihood(self.model(z[rows]), self.series.measured, own)
+            matches = Pairs(models, series)
+            part_total = log_likelihood(self.model(z[rows]), self.series.measured, matches)
             np.add.at(total, which, part_total)
         return total
 
@@ -171,14 +171,14 @@ class Criterion:
         pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
         which, series = np.array(pairs).T
         models = (which[:, None] * (size + 1) + np.arange(size + 1)).ravel()
-        own = Pairs(models, np.repeat(series, size + 1))
-        total = constant(self.series.measured, own)
+        matches = Pairs(models, np.repeat(series, size + 1))
+        total = constant(self.series.measured, matches)
         information = np.zeros((len(z), size, size))
         model = self.model(around.reshape(-1, size))
-        for part in parts(model, self.series.measured, own, size + 1):
+        for part in parts(model, self.series.measured, matches, size + 1):
             is_there = part.columns >= 0
             total[part.columns[is_there]] += part.deviance[is_there]
-            rows = own.models[part.columns[:: size + 1, 0]] // (size + 1)
+            rows = matches.models[part.columns[:: size + 1, 0]] // (size + 1)
             information[rows] += _information(part, size)
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
@@ -202,7 +202,7 @@ def _information(part: Part, size: int) -> FloatArray:
         errors = np.concatenate([errors, first.reshape(rows, size + 1, -1)], axis=2)
     slope = errors[:, 1:] - errors[:, :1]
     logs = np.log(part.variances).reshape(rows, size + 1, -1)
-    times = where[:: size + 1].sum(axis=1) * part.each / 2.0
+    times = where[:: size + 1].sum(axis=1) * part.repeats / 2.0
     growth = (logs[:, 1:] - logs[:, :1]) * np.sqrt(times)[:, None, None]
     products = slope @ slope.transpose(0, 2, 1) + growth @ growth.transpose(0, 2, 1)
     return np.asarray(products / DIFFERENCE**2)
@@ -242,7 +242,7 @@ def search(
 
 
 class Ascending(NamedTuple):
-    """Where a search of K rows has come to."""
+    """The state of a search of K rows."""
 
     coordinates: FloatArray
     """(K, P) z."""
@@ -271,8 +271,8 @@ def ascend(
     damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
     rounds = np.zeros(len(z), int)
     done = np.zeros(len(z), bool)
-    known = curvature.copy()
-    yield Ascending(z, value, known)
+    latest = curvature.copy()
+    yield Ascending(z, value, latest)
     for _ in range(ROUNDS):
         active = np.flatnonzero(~done)
         if not len(active):
@@ -303,7 +303,7 @@ def ascend(
                 )
             else:
                 curvature[k] = information
-            known[k] = information
+            latest[k] = information
             z[k], value[k], gradient[k] = trial[k], new, slope
             damping[k] = max(damping[k] / 8.0, 1e-9)
             reach[k] = min(4.0 * reach[k], LONGEST_STEP)
@@ -311,7 +311,7 @@ def ascend(
             rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
             away = z[rivals] - z[k]
             done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
-        yield Ascending(z, value, known)
+        yield Ascending(z, value, latest)
     maxima = []
     for end, top, slope, bend, is_done, taken in zip(
         z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True
@@ -324,8 +324,8 @@ def ascend(
         maxima.append(
             Maximum(criterion.form, end, float(top), likelihood, bend, bool(is_done), int(taken))
         )
-    kept = [maximum.curvature for maximum in maxima]
-    yield Ascending(z, value, np.where(kept, known, 0.0), tuple(maxima))
+    curvatures = [maximum.curvature for maximum in maxima]
+    yield Ascending(z, value, np.where(curvatures, latest, 0.0), tuple(maxima))
 
 
 def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:

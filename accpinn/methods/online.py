@@ -1,4 +1,4 @@
-"""What the online methods share: the track of their estimates, and the assumptions of the filters.
+"""The online methods' common part: the track of estimates, and the assumptions of the filters.
 
 The state of a follower is (p, v). Between two samples it obeys the model, one step of the classical
 Runge-Kutta method with the predecessor's measured speed taken as straight. Measured are (p, v) with
@@ -66,7 +66,7 @@ class Turn:
     """Its start in the time of a track; see `in_turn`."""
 
     @property
-    def kept(self) -> list[int]:
+    def tracked(self) -> list[int]:
         """The samples that a track keeps, the last among them and never the first."""
         stride = max(1, round(TRACK_EVERY / self.segment.sample_time))
         return list(range(self.segment.samples - 1, 0, -stride))[::-1]
@@ -81,10 +81,10 @@ def in_turn(segments: Segments) -> list[Turn]:
     turns: list[Turn] = []
     begin = 0.0
     for recording in dict.fromkeys((s.source, s.sha256) for s in segments):
-        own = [k for k, s in enumerate(segments) if (s.source, s.sha256) == recording]
-        own.sort(key=lambda k: segments[k].start)
-        first = begin - segments[own[0]].start
-        turns += [Turn(k, segments[k], first + segments[k].start) for k in own]
+        places = [k for k, s in enumerate(segments) if (s.source, s.sha256) == recording]
+        places.sort(key=lambda k: segments[k].start)
+        first = begin - segments[places[0]].start
+        turns += [Turn(k, segments[k], first + segments[k].start) for k in places]
         begin = max(turn.begin + turn.segment.window.duration for turn in turns)
     return turns
 
@@ -104,7 +104,7 @@ def track(turns: Sequence[Turn], theta: FloatArray, covariance: FloatArray) -> P
     shape = (len(theta), turns[0].segment.followers, 3)
     squares = np.stack([variance[0], variance[2], np.maximum(of_tau, 0) * per_alpha**2], -1)
     return ParameterTrack(
-        np.concatenate([turn.begin + turn.segment.time[turn.kept] for turn in turns]),
+        np.concatenate([turn.begin + turn.segment.time[turn.tracked] for turn in turns]),
         Parameters.of(np.broadcast_to(np.stack([alpha, beta, tau], -1), shape)),
         np.broadcast_to(np.sqrt(squares), shape),
     )
@@ -199,13 +199,13 @@ def filtered(
     solutions, covariances, curves = [], [], {}
     try:
         for turn in turns:
-            segment, kept = turn.segment, set(turn.kept)
+            segment, tracked = turn.segment, set(turn.tracked)
             filter_.begin(segment)
             motion = filter_.states.copy()
             for now in range(1, segment.samples):
                 filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
                 motion[now] = filter_.motion
-                if now in kept:
+                if now in tracked:
                     pairs = zip(filter_.mean, filter_.covariance, strict=True)
                     solutions.append([filter_.solution(*pair) for pair in pairs])
                     covariances.append(filter_.covariance)
@@ -268,5 +268,5 @@ def settings() -> dict[str, Any]:
 
 
 def symmetric(matrix: FloatArray) -> FloatArray:
-    """What rounding has made unequal, made equal again."""
+    """The symmetric part of matrices (.., n, n) that rounding made asymmetric."""
     return np.asarray((matrix + matrix.swapaxes(-1, -2)) / 2)

@@ -53,8 +53,8 @@ STEADY = 1e-6
 def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Estimate:
     """The last mean of the cloud, its track, and its mean motion in each window."""
     config = {"particles": PARTICLES, "seed": SEED, "shrink": SHRINK}
-    found = online.filtered("particle", segments, case, spec, _Cloud, config)
-    return replace(found, unconstrained=None)  # no particle leaves the bounds
+    fitted = online.filtered("particle", segments, case, spec, _Cloud, config)
+    return replace(fitted, unconstrained=None)  # no particle leaves the bounds
 
 
 class _Cloud(online.Filter):
@@ -64,7 +64,9 @@ class _Cloud(online.Filter):
         super().__init__(followers, case)
         sets = self.sets
         self._random = np.random.default_rng(SEED)
-        self._theta = _first_theta(self._random, sets)
+        draws = self._random.standard_normal((3, sets, PARTICLES)).T * SPREAD
+        alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
+        self._theta = np.stack([alpha, alpha * tau, beta])
         self._spread, self._transition, self._precision = np.empty((3, sets, 2, 2))
         self._is_steady = False
         self._maps = np.empty((sets, 4, 2, PARTICLES))
@@ -149,7 +151,7 @@ class _Cloud(online.Filter):
         return np.asarray((apart * self._weights[k]) @ apart.T)
 
     def _prepare(self, k: int) -> None:
-        """What a step makes of measurements, and of offsets, for the particles of a set."""
+        """The update of a set's particles by a step's measurements and offsets."""
         self._maps[k] = online.step_maps(self._theta[:, k].T, self._step).T
         mean = self._theta[:, k].mean(axis=1)
         self._transition[k], self._is_steady = online.step_maps(mean, self._step)[:, :2], False
@@ -167,13 +169,6 @@ class _Cloud(online.Filter):
         self._offsets[k] = self._offsets[k][..., chosen]
         self._logs[k] = 0.0
         self._steps_since[k] = 0
-
-
-def _first_theta(random: np.random.Generator, sets: int) -> FloatArray:
-    """(3, G, P) α, ατ, β."""
-    draws = random.standard_normal((3, sets, PARTICLES)).T * SPREAD
-    alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
-    return np.stack([alpha, alpha * tau, beta])
 
 
 METHOD = direct(

@@ -25,7 +25,7 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ from accpinn.methods.estimate import (
     Outcome,
     WeaklyDetermined,
 )
-from accpinn.methods.online import Turn, in_turn, track
+from accpinn.methods.online import in_turn, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
@@ -67,7 +67,7 @@ def fit(
 
     def summed(values: Callable[[_Rows], FloatArray], power: int = 1) -> FloatArray:
         forgetting = [np.exp(-turn.segment.sample_time / memory) ** power for turn in turns]
-        return _fading_sums(map(values, windows), forgetting, [t.kept for t in turns], case)
+        return _fading_sums(map(values, windows), forgetting, [t.tracked for t in turns], case)
 
     gram, moment = summed(_Rows.products), summed(lambda rows: rows.terms * rows.rates[..., None])
     theta, free = np.full((2, *moment.shape), np.nan)
@@ -83,7 +83,10 @@ def fit(
     variance = np.maximum(summed(lambda rows: rows.rates**2) - explained, 0.0) / weight
     covariance = inverse @ summed(_Rows.products, power=2) @ inverse
 
-    late = _driven(turns) >= min(memory, sum(s.window.duration for s in segments) / 2)
+    # Time spent in windows up to the tracked samples.
+    begins = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
+    driven = [b + t.segment.time[t.tracked] for b, t in zip(begins, turns, strict=True)]
+    late = np.concatenate(driven) >= min(memory, sum(s.window.duration for s in segments) / 2)
     means = []
     for k in range(theta.shape[1]):
         counts = late & determined[:, k]
@@ -108,7 +111,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """What the steps of a window add to the sums; zero for a step that does not count."""
+    """The contributions of a window's steps to the sums; zero for a step that does not count."""
 
     terms: FloatArray
     """(M, N-1, 3) φ̄."""
@@ -136,7 +139,7 @@ class _Rows:
 def _fading_sums(
     windows: Iterable[FloatArray],
     forgetting: Iterable[float],
-    kept: Iterable[list[int]],
+    tracked: Iterable[list[int]],
     case: Case,
 ) -> FloatArray:
     """(K, G, ..) the weighted sums up to the kept samples, of (M, N-1, ..) in each window.
@@ -146,20 +149,13 @@ def _fading_sums(
     from scipy.signal import lfilter  # takes a second to import, which few need
 
     parts, last = [], np.zeros(())
-    for values, keep, samples in zip(windows, forgetting, kept, strict=True):
+    for values, keep, samples in zip(windows, forgetting, tracked, strict=True):
         if case == "I":
             values = values.sum(axis=0, keepdims=True)
         before = np.broadcast_to(keep * last, values[:, :1].shape)
         sums, _ = lfilter([1.0], [1.0, -keep], values, axis=1, zi=before)
         last = sums[:, -1:]
         parts.append(sums[:, np.array(samples) - 1].swapaxes(0, 1))
-    return np.concatenate(parts)
-
-
-def _driven(turns: Sequence[Turn]) -> FloatArray:
-    """(K,) the time spent in windows up to the kept samples, in s."""
-    before = np.cumsum([0.0, *(turn.segment.window.duration for turn in turns[:-1])])
-    parts = [begin + t.segment.time[t.kept] for begin, t in zip(before, turns, strict=True)]
     return np.concatenate(parts)
 
 
@@ -173,7 +169,7 @@ def _determined(gram: FloatArray) -> Mask:
 
 
 def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[MethodFinding]:
-    """What the mean of estimates (K, G, 3) hides: θ never determined, bounds active for a time."""
+    """Findings on estimates (K, G, 3) behind their mean: θ undetermined, bounds active at times."""
     findings: list[MethodFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]

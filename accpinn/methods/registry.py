@@ -15,7 +15,7 @@ from accpinn.methods import (
     splines,
 )
 from accpinn.methods.pinn import training as pinn
-from accpinn.methods.pinn.config import PRESETS, PinnConfig
+from accpinn.methods.pinn.config import DEFAULT, PRESETS, PinnConfig
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import IncompleteWindow, cut
@@ -42,7 +42,7 @@ VARIANTS: dict[str, tuple[str, PinnConfig | None]] = {
 }
 """A method with the settings that a name stands for, where several are run side by side."""
 COMPARED = tuple(name for name in VARIANTS if name != "pinn-paper")
-"""Those that are compared unless others are named: training by the preset paper takes minutes."""
+"""The variants that are compared by default; training by the preset paper takes minutes."""
 SHIPPED = frozenset(VARIANTS)
 """Names of methods that are part of the package."""
 _KEY = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
@@ -79,13 +79,15 @@ def register_method(method: Method) -> None:
     VARIANTS[method.key] = (method.key, None)
 
 
-def recommended_method(model: str | None = None) -> str:
+def recommended_method(model: str | None = None, preset: str | None = None) -> str:
     """The method by which a model is estimated unless another is named.
 
-    It is the one with a posterior: the PiNN's preset calibrated, or else simulation.
+    It is the one with a posterior: the PiNN's preset calibrated, or else simulation. A preset that
+    is named is the PiNN's.
     """
-    able = METHODS["pinn"].models(PRESETS["calibrated"].to_json())
-    return "pinn" if model is None or model in able else simulation.METHOD.key
+    able = pinn.METHOD.models(PRESETS[DEFAULT].to_json())
+    is_pinn = preset is not None or model is None or model in able
+    return pinn.METHOD.key if is_pinn else simulation.METHOD.key
 
 
 def method_of(key: str) -> Method:
@@ -104,27 +106,27 @@ def title_of(key: str) -> str:
     return METHODS[key].title if key in METHODS else key
 
 
-def known_variant(name: str) -> str:
+def variant_key(name: str) -> str:
     """The name in `VARIANTS` that a name stands for.
 
     Raises:
         ConfigError: for an unknown name.
     """
-    known = _ALIASES.get(name, name) if isinstance(name, str) else name
-    if not isinstance(known, str) or known not in VARIANTS:
+    key = _ALIASES.get(name, name) if isinstance(name, str) else name
+    if not isinstance(key, str) or key not in VARIANTS:
         raise ConfigError(f"methods: {str(name)[:40]} is not known; choose {', '.join(VARIANTS)}.")
-    return known
+    return key
 
 
 def variant_of(name: str) -> tuple[str, PinnConfig | None]:
-    """The method and the settings that a name stands for; see `known_variant`."""
-    return VARIANTS[known_variant(name)]
+    """The method and the settings that a name stands for; see `variant_key`."""
+    return VARIANTS[variant_key(name)]
 
 
 def variant_name(method: str, settings: Mapping[str, Any]) -> str:
     """The name in `VARIANTS` of a method with settings as JSON; presets count, not options."""
     preset = settings.get("preset")
-    return method if preset in (None, "calibrated") else f"{method}-{preset}"
+    return method if preset in (None, DEFAULT) else f"{method}-{preset}"
 
 
 def segment_for(

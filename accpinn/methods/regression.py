@@ -168,9 +168,9 @@ class Regression:
         rate = (weights[..., 0] * self.rates).sum(axis=axis, keepdims=True)
         terms = np.where(counts[..., None], self.terms - term, 0.0)
         solution = Regression(terms, np.where(counts, self.rates - rate, 0.0)).solve(case)
-        rest = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
+        offset = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
         alpha = solution.theta[:, 0]
-        s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
+        s0 = np.divide(offset, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
         return _with_intercept(solution, s0)
 
 

@@ -1,4 +1,4 @@
-"""What the likelihood is of: measurements of followers, and which of them share their parameters.
+"""The data of the likelihood: measurements of followers, grouped by shared parameters.
 
 Receivers report every 0.25 s and files of 10 Hz are smooth curves through the reports, so
 neighbouring samples share their noise. One sample each 0.5 s is used. Missing samples are those
@@ -45,7 +45,7 @@ class Series:
         return [k for k, of in enumerate(self.group) if of == group]
 
     def until(self, share: float) -> "Series":
-        """The same without what comes after a share of the time."""
+        """The series up to a share of the time."""
         return Series(self.measured[: round(share * len(self.measured))], self.group, self.step)
 
 
@@ -77,7 +77,7 @@ def series_of(
 
 
 def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArray]:
-    """What counts of a follower in one piece each, (N, 3); pieces that say next to nothing go."""
+    """The pieces (N, 3) of a follower that count, but for those too short to inform."""
     parts = []
     for segment in segments:
         measured, mask = measured_of(segment)[:, :, follower], segment.mask
@@ -89,7 +89,7 @@ def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArr
 
 
 def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
-    """Which followers are hardly measured, and the cure."""
+    """An error that names followers with too few measurements, and the cure."""
     least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
     if len(lacking) == segment.followers:
         left = f"{segment.source}: what is left of {segment.window}"
@@ -102,7 +102,7 @@ def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
 
 
 def _complete(measured: FloatArray) -> int:
-    """How many of the samples (N, 3) have p, v and u."""
+    """The number of samples (N, 3) that have p, v and u."""
     return int((~np.isnan(measured)).all(axis=1).sum())
 
 

@@ -28,9 +28,10 @@ Methodology 28 (2002) 169-181, for few blocks.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
@@ -49,6 +50,7 @@ from accpinn.methods.estimate import (
     SimulatedSeparately,
     Undetermined,
 )
+from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
@@ -77,8 +79,8 @@ STARTS, LATE_STARTS = 2, 4
 """Parameter sets from which each search begins, and one with a lag or a delay before a model that
 is no CTHP: the typical set and draws from the prior. They mostly end in the same maximum, see
 docs/validation.md."""
-ROUNDS = 40
-"""Most steps of a search."""
+ROUNDS, USUAL_ROUNDS = 40, 25
+"""Most steps of a search, and those that many take."""
 CONVERGED = 1e-4
 """Decrease of the objective in one step below which a search ends."""
 ALIKE = 5
@@ -118,13 +120,13 @@ class Drives:
             nearest = np.minimum(nearest, segment.samples - 1)
             parts.append((values, segment.counts[nearest, 0]))
         longest = max(len(counts) for _, counts in parts)
-        filled, known = [], []
+        filled, counted = [], []
         for values, counts in parts:
             more = longest - len(counts)
             filled.append(np.pad(values, ((0, 0), (0, 2 * more)), "edge"))
-            known.append(np.pad(counts, (0, more)))
+            counted.append(np.pad(counts, (0, more)))
         ahead, speeds, gaps = np.stack(filled, axis=-1)
-        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(known, axis=-1))
+        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(counted, axis=-1))
 
     def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
         """The windows at an array of indices, in its shape."""
@@ -135,6 +137,13 @@ class Drives:
         """(K+1, 2, W) gaps and speeds by θ (n, W) from the first measured state on."""
         start = self.gaps[:1], self.speeds[:1]
         return np.asarray(model.integrate(theta[:, None], self.ahead, *start, self.step)[:, :, 0])
+
+    def motion(self, model: FollowingModel, parameters: Parameters) -> Trajectories:
+        """The same of one window of W followers (W,), nan of those that diverge or are unknown."""
+        theta = np.array([value_of(model.key, parameters, name) for name in model.names])
+        gaps, speeds = np.moveaxis(self.simulated(model, theta), 1, 0)
+        time = self.step * np.arange(len(gaps), dtype=np.float64)
+        return Trajectories(time, np.column_stack([self.ahead[::2, 0], speeds]), gaps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +179,7 @@ class Optimum:
     def undetermined(self) -> tuple[str, ...]:
         """Symbols of the parameters that the data do not determine."""
         pairs = zip(self.model.parameters, self.determined, strict=True)
-        return tuple(parameter.symbol for parameter, known in pairs if not known)
+        return tuple(parameter.symbol for parameter, is_determined in pairs if not is_determined)
 
     @property
     def implausible(self) -> tuple[str, ...]:
@@ -221,9 +230,9 @@ def optima(
         new, slope, bend = search.expanded(trial, owner[rows])
         gain = np.subtract(value[rows], new, out=np.full(len(rows), np.inf), where=~lost)
         better = np.isfinite(new) & (gain >= 0)
-        kept = rows[better]
-        z[kept], value[kept] = trial[better], new[better]
-        gradient[kept], curvature[kept] = slope[better], bend[better]
+        improved = rows[better]
+        z[improved], value[improved] = trial[better], new[better]
+        gradient[improved], curvature[improved] = slope[better], bend[better]
         damping[rows] *= np.where(better, 0.2, 8.0)
         active[rows] = ~(better & (gain < CONVERGED)) & (damping[rows] < 1e8)
         if turn >= ALIKE:
@@ -314,8 +323,8 @@ class _Search:
         inverse = np.zeros_like(curvature)
         free = np.ix_(owner, self._free, self._free)
         inverse[free] = np.linalg.inv(curvature[free])
-        own = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
-        left_out = np.linalg.solve(np.eye(z.shape[1]) - own, blocks[..., None])[..., 0]
+        leverage = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
+        left_out = np.linalg.solve(np.eye(z.shape[1]) - leverage, blocks[..., None])[..., 0]
         meat = np.einsum("kbwi,kbwj->bij", left_out, left_out) + np.eye(z.shape[1])
         filled = (blocks != 0.0).any(axis=3).sum(axis=(0, 2))
         spare = np.maximum(filled - self._free.sum(), LEAST_SPARE)
@@ -360,8 +369,8 @@ class _Search:
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges is set below
             errors = (moved[..., 0].real - measured) * counts[:, None]
             slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
-        known = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
-        diverged = ~known.all(axis=(0, 2))
+        is_finite = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
+        diverged = ~is_finite.all(axis=(0, 2))
         errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
         samples = counts.sum(axis=(0, 2))
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
@@ -386,7 +395,6 @@ def refuse_short(segment: Segment) -> None:
         )
 
 
-@lru_cache(maxsize=256)
 def estimates(
     segments: Segments, case: Case, spec: ModelSpec
 ) -> tuple[tuple[list[int], Optimum], ...]:
@@ -425,9 +433,9 @@ def _searched(
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
     drives = Drives.of([*chain(*simulated)], model)
-    told = partial(on_round, rows) if on_round else None
+    report = partial(on_round, rows) if on_round else None
     try:
-        best = optima(model, drives, groups, should_stop, fixed=spec.fixed, on_round=told)
+        best = optima(model, drives, groups, should_stop, fixed=spec.fixed, on_round=report)
     except np.linalg.LinAlgError:
         raise SegmentError(
             f"{segments[0].source}: simulations by the {model.title} almost diverge with what is"
@@ -465,36 +473,48 @@ def fit(
 
     def parameters_of(rows: Sequence[Sequence[int]], values: Sequence[FloatArray]) -> Parameters:
         theta = np.full((len(model.parameters), first.followers), np.nan)
-        for row, own in zip(rows, values, strict=True):
-            theta[:, row] = own[:, None]
+        for row, vector in zip(rows, values, strict=True):
+            theta[:, row] = vector[:, None]
         return model.linearisations(theta, speeds)
+
+    live, pace = Drives.of([first.pair(k) for k in range(first.followers)], model), Pace()
 
     def note(rows: list[list[int]], turn: int, z: FloatArray, value: FloatArray) -> None:
         now = parameters_of(rows, [*model.values_at(z).T])
         moment = Progress(
-            "parameters", turn, ROUNDS, time.perf_counter() - started, float(value.sum()),
+            PARAMETERS, turn, max(USUAL_ROUNDS, min(turn + 2, ROUNDS)),
+            time.perf_counter() - started, float(value.sum()),
             np.nan, np.nan, np.nan, now[:1] if is_shared else now,
         )  # fmt: skip
         recorder.add(moment)
         if context.on_progress:
-            context.on_progress(replace(moment, curves=_driven(first, model, now)))
+            curves = pace.drawn(lambda: live.motion(model, now))
+            context.on_progress(replace(moment, curves=curves))
+            last.append(moment)
 
-    found = _searched(segments, case, spec, context.should_stop, note)
+    last = deque[Progress](maxlen=1)
+    searched = _searched(segments, case, spec, context.should_stop, note)
+    for moment in last:
+        assert context.on_progress
+        seconds = time.perf_counter() - started
+        context.on_progress(
+            replace(moment, phase=CURVES, iteration=0, iterations=1, seconds=seconds)
+        )
     findings: list[MethodFinding] = [SimulatedSeparately()] if first.followers > 1 else []
-    for row, best in found:
+    for row, best in [] if context.is_stopped else searched:  # what the data say shows at its end
         vehicle = 0 if first.shares(case) else first.vehicles[row[0] + 1]
         if best.undetermined:
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
         if best.implausible:
             findings.append(Implausible(vehicle, model.title, best.implausible))
-    parameters = parameters_of([row for row, _ in found], [best.theta for _, best in found])
+    parameters = parameters_of([row for row, _ in searched], [best.theta for _, best in searched])
     symbols = tuple(parameter.symbol for parameter in model.parameters)
     for k in np.flatnonzero(np.isnan(parameters.alpha)):
         findings.append(Undetermined(first.vehicles[k + 1], model.title, symbols))
     outcome = Outcome.FINISHED
     if context.is_stopped:
         outcome = Outcome.STOPPED
-    elif all(best.converged for _, best in found):
+    elif all(best.converged for _, best in searched):
         outcome = Outcome.CONVERGED
     curves = tuple(_driven(segment, model, parameters) for segment in segments)
     squares = [
@@ -533,9 +553,33 @@ def _driven(segment: Segment, model: FollowingModel, parameters: Parameters) -> 
     return Trajectories(segment.time, speeds, gaps)
 
 
+def round_seconds(segments: Segments) -> Seconds:
+    """Typical time of a step of the search: that of the longest simulation, and of all."""
+    longest = max(segment.window.duration for segment in segments)
+    size = sum(segment.samples for segment in segments) * segments[0].followers
+    return 2.2e-4 * longest + 1e-6 * size
+
+
+def _phases(segments: Segments, _settings: None, spec: ModelSpec) -> Mapping[str, Phase]:
+    return {
+        PARAMETERS: Phase(USUAL_ROUNDS, round_seconds(segments)),
+        CURVES: Phase(1, 6e-5 * segments[0].followers * sum(s.samples for s in segments)),
+    }
+
+
+def _initial(segments: Segments, _settings: None, spec: ModelSpec) -> tuple[str, Parameters]:
+    """The first of the parameter sets from which the search begins, the typical one."""
+    model = spec.following
+    scores = np.clip(np.zeros((1, len(model.parameters))), *bounds_of(model, spec.fixed))
+    theta = np.repeat(model.values_at(scores), segments[0].followers, axis=1)
+    return spec.model, model.linearisations(theta, median_speeds(segments))
+
+
 METHOD = Method(
     KEY, "Simulation", fit, typical_seconds=1.4, version=3, is_closed_loop=True,
+    phases=_phases, initial=_initial,
     models=lambda _: (BEST, *(key for key in FOLLOWING if key != BEST)),
     posterior=lambda _: "simulation",
+    description=lambda _: "Closed-loop simulation, with intervals.",
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

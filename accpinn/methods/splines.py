@@ -61,8 +61,8 @@ def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> 
                 f" window of at least {DEGREE + 1}."
             )
     windows = [_Window(segment) for segment in segments]
-    own = [_alternated([window], case, spec) for window in windows]
-    solution, rounds = own[0] if len(own) == 1 else _alternated(windows, case, spec)
+    by_window = [_alternated([window], case, spec) for window in windows]
+    solution, rounds = by_window[0] if len(by_window) == 1 else _alternated(windows, case, spec)
     shares = np.array([segment.samples for segment in segments], float)
     shares /= shares.sum()
     losses = [window.loss(solution) for window in windows]
@@ -80,7 +80,7 @@ def fit(segments: Segments, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> 
             for name in ("total", "data", "physics")
         },
         iterations=rounds,
-        windows=Parameters.of([alone.parameters.everything for alone, _ in own]),
+        windows=Parameters.of([alone.parameters.everything for alone, _ in by_window]),
     )
 
 
@@ -134,7 +134,7 @@ class SplineBasis:
 
         Places that leave the matrix are zero, as are all further from its diagonal.
         """
-        products = [one.T @ other for one in matrices for other in matrices]
+        products = [matrix.T @ other for matrix in matrices for other in matrices]
         grams = np.zeros((self.degree + 1, len(products), self.size))
         for offset in range(self.degree + 1):
             for row, product in zip(grams[offset], products, strict=True):
@@ -160,7 +160,7 @@ class _Window:
     """A window with its B-splines, and the banded solve for their coefficients."""
 
     curves: Trajectories
-    """What was smoothed last."""
+    """The motion that was smoothed last."""
 
     def __init__(self, segment: Segment) -> None:
         self.segment = segment
@@ -169,7 +169,7 @@ class _Window:
         self._grams = self._splines.grams(matrices)
         self._dynamic_grams = [self._grams] * segment.followers
         if segment.mask is not None:
-            parts = [[matrix[kept] for matrix in matrices] for kept in segment.mask.T]
+            parts = [[matrix[counted] for matrix in matrices] for counted in segment.mask.T]
             self._dynamic_grams = [self._splines.grams(part) for part in parts]
 
     def smooth(self, solution: Solution) -> None:
@@ -201,15 +201,15 @@ class _Window:
 
         The outputs stand in the order of `pinn.loss.output_columns`, side by side at each knot.
         """
-        measured, each = self._measured, np.arange(len(theta))
-        gaps, own, ahead = command_columns(len(theta))
+        measured, rows = self._measured, np.arange(len(theta))
+        gaps, speeds, ahead = command_columns(len(theta))
         data = np.eye(measured.shape[1])[:, :, None] * [1.0, 0.0]
         # Residuals of dp/dt = Δv and of dv/dt = ..: factors of values and rates.
         kinematic, dynamic = np.zeros((2, len(theta), measured.shape[1], 2))
-        kinematic[each, own, 0], kinematic[each, ahead, 0], kinematic[each, gaps, 1] = 1, -1, 1
+        kinematic[rows, speeds, 0], kinematic[rows, ahead, 0], kinematic[rows, gaps, 1] = 1, -1, 1
         alpha, alpha_tau, beta = theta.T
-        dynamic[each, gaps, 0], dynamic[each, own, 0] = -alpha, alpha_tau + beta
-        dynamic[each, ahead, 0], dynamic[each, own, 1] = -beta, 1
+        dynamic[rows, gaps, 0], dynamic[rows, speeds, 0] = -alpha, alpha_tau + beta
+        dynamic[rows, ahead, 0], dynamic[rows, speeds, 1] = -beta, 1
         matrix = self._splines.banded(np.concatenate([data, kinematic]), self._grams)
         for form, grams in zip(dynamic, self._dynamic_grams, strict=True):
             matrix += self._splines.banded(form[None], grams)

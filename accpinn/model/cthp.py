@@ -45,7 +45,7 @@ class Parameters:
     """α, β and τ of one vehicle or of many, and the further terms of its model, immutable.
 
     Attributes:
-        everything: (.., 6 + n) first `complete`, then `own`.
+        everything: (.., 6 + n) first `complete`, then `nonlinear`.
     """
 
     __slots__ = ("everything",)
@@ -59,7 +59,7 @@ class Parameters:
         s0: ArrayLike = 0.0,
         lag: ArrayLike = 0.0,
         delay: ArrayLike = 0.0,
-        *own: ArrayLike,
+        *nonlinear: ArrayLike,
     ) -> None:
         """Parameters of the given values.
 
@@ -70,9 +70,9 @@ class Parameters:
             s0: intercept of the desired gap in m.
             lag: time constant between command and acceleration in s.
             delay: time between command and acceleration in s.
-            own: parameters of the model that these are the linearisation of.
+            nonlinear: the parameters of a nonlinear model, of which α .. d are the linearisation.
         """
-        given = (alpha, beta, tau, s0, lag, delay, *own)
+        given = (alpha, beta, tau, s0, lag, delay, *nonlinear)
         try:
             parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
         except (TypeError, ValueError):
@@ -114,12 +114,17 @@ class Parameters:
         return self.everything[..., :6]
 
     @property
-    def own(self) -> FloatArray:
-        """(.., n) the parameters of a model that is no CTHP; n = 0 for a CTHP.
+    def nonlinear(self) -> FloatArray:
+        """(.., n) the parameters of a nonlinear model; n = 0 for a CTHP.
 
-        ``complete`` is then its linearisation at some speed (see `model.following`).
+        `complete` is then its linearisation at some speed (see `model.following`).
         """
         return self.everything[..., 6:]
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether these are a CTHP's, the same at every speed, and so have no `nonlinear`."""
+        return bool(self.everything.shape[-1] == 6)
 
     @classmethod
     def from_theta(cls, theta: ArrayLike) -> Self:
@@ -191,7 +196,7 @@ class Parameters:
         """The values by name."""
         names = ["alpha", "beta", "tau"]
         names += TERMS if self.complete[..., 3:].any() else ()
-        names += ["own"] if self.own.size else ()
+        names += () if self.is_linear else ["nonlinear"]
         return f"Parameters({', '.join(f'{name}={getattr(self, name)}' for name in names)})"
 
 
@@ -301,7 +306,7 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
     further = [(lag > 0) + 2 * (delay > 0) for lag, delay in parameters.complete[:, 4:]]
     total = size + sum(further)
     matrix = np.zeros((total, total + 1))
-    ahead, own = total, size
+    ahead, further_state = total, size
     for gap, theta, late in zip(
         range(0, size, 2), parameters.theta, parameters.complete[:, 4:], strict=True
     ):
@@ -310,36 +315,36 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
         matrix[gap, [ahead, speed]] = 1.0, -1.0
         command = np.zeros(total + 1)
         command[[gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
-        own = add_command(matrix, command, speed, own, *late)
+        further_state = add_command(matrix, command, speed, further_state, *late)
         ahead = speed
     return matrix
 
 
 def add_command(
-    rates: FloatArray, command: FloatArray, speed: int, own: int, lag: ArrayLike, delay: ArrayLike
+    rates: FloatArray, command: FloatArray, speed: int, first: int, lag: ArrayLike, delay: ArrayLike
 ) -> int:
     """A command (.., L) becomes acceleration, by the states of a delay and of a lag where they are.
 
-    It is added to the rates (.., K, L) of the states, of which ``own`` is the first of these. Lag
+    It is added to the rates (.., K, L) of the states, of which ``first`` is the first of these. Lag
     and delay (..) are in s, 0 for none. The place behind their states is returned.
     """
     lag, delay, reached = np.asarray(lag, float), np.asarray(delay, float), command
     if (delay > 0).any():
         # exp(-ds) is about 1 - 12ds / (d²s² + 6ds + 12).
-        rates[..., own, own + 1] = 1.0
-        rates[..., own + 1, :] = command
-        rates[..., own + 1, own] -= 12.0 / delay**2
-        rates[..., own + 1, own + 1] -= 6.0 / delay
+        rates[..., first, first + 1] = 1.0
+        rates[..., first + 1, :] = command
+        rates[..., first + 1, first] -= 12.0 / delay**2
+        rates[..., first + 1, first + 1] -= 6.0 / delay
         reached = command.copy()
-        reached[..., own + 1] -= 12.0 / delay
-        own += 2
+        reached[..., first + 1] -= 12.0 / delay
+        first += 2
     if (lag > 0).any():
-        rates[..., own, :] = reached / lag[..., None]
-        rates[..., own, own] -= 1.0 / lag
-        rates[..., speed, own] = 1.0
-        return own + 1
+        rates[..., first, :] = reached / lag[..., None]
+        rates[..., first, first] -= 1.0 / lag
+        rates[..., speed, first] = 1.0
+        return first + 1
     rates[..., speed, :] += reached
-    return own
+    return first
 
 
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a car-following model is, and all that follows from its acceleration.
+"""A car-following model: an acceleration with named parameters, and all that follows from it.
 
 A model is an acceleration f(p, v, u; θ) of the space-gap p [m], the own speed v [m/s] and the speed
 ahead u [m/s], with names, units, bounds and typical values of its parameters θ:
@@ -121,8 +121,8 @@ class FollowingModel:
         return False
 
     @property
-    def own_count(self) -> int:
-        """The number of parameters that stand in `Parameters.own`."""
+    def nonlinear_count(self) -> int:
+        """The number of parameters that stand in `Parameters.nonlinear`; 0 for a CTHP."""
         return len(self.parameters)
 
     @property
@@ -196,8 +196,8 @@ class FollowingModel:
     def linearisations(self, theta: Any, speed: Any) -> Parameters:
         """(..) the CTHP, lag and delay included, that the model is near equilibrium at a speed.
 
-        Its s₀ makes the equilibrium gap s₀ + τv. The parameters (n, ..) stand in `Parameters.own`;
-        those without an equilibrium at the speed (..) have nan.
+        Its s₀ makes the equilibrium gap s₀ + τv. The parameters (n, ..) stand in
+        `Parameters.nonlinear`; those without an equilibrium at the speed (..) have nan.
         """
         gap, slopes = self.equilibrium_gaps(theta, speed), []
         with np.errstate(all="ignore"):  # where there is no equilibrium
@@ -225,7 +225,7 @@ class FollowingModel:
 
     def has_terms_of(self, parameters: Parameters) -> bool:
         """Whether it has all terms that parameters have, so that each has the same meaning."""
-        return int(parameters.own.shape[-1]) == len(self.parameters)
+        return bool(parameters.nonlinear.shape[-1] == len(self.parameters))
 
     def simulate(
         self,
@@ -334,8 +334,8 @@ class ConstantTimeHeadway(FollowingModel):
         return True
 
     @property
-    def own_count(self) -> int:
-        """See `FollowingModel.own_count`."""
+    def nonlinear_count(self) -> int:
+        """See `FollowingModel.nonlinear_count`."""
         return 0
 
     @property
@@ -353,7 +353,7 @@ class ConstantTimeHeadway(FollowingModel):
         """See `FollowingModel.has_terms_of`."""
         used = parameters.complete[..., 3:].reshape(-1, len(TERMS)).any(axis=0)
         missing = [term not in self.terms for term in TERMS]
-        return not parameters.own.shape[-1] and not bool((used & np.array(missing)).any())
+        return parameters.is_linear and not bool((used & np.array(missing)).any())
 
 
 def _ahead(state: Any, leader: Any) -> Any:

@@ -161,8 +161,8 @@ def following_model(key: str) -> FollowingModel:
         ConfigError: for an unknown key.
     """
     if not isinstance(key, str) or key not in FOLLOWING:
-        known, name = ", ".join(FOLLOWING), shown(key).strip("'")
-        raise ConfigError(f"model: {name} is not known; choose from {known}.")
+        keys, name = ", ".join(FOLLOWING), shown(key).strip("'")
+        raise ConfigError(f"model: {name} is not known; choose from {keys}.")
     return FOLLOWING[key]
 
 
@@ -225,15 +225,16 @@ def register_model(model: FollowingModel) -> None:
 
 
 def fingerprint(key: str) -> str:
-    """What tells one registered model from another of the same key; empty for the package's own.
+    """The fingerprint of a registered model; empty for the package's own.
 
-    It is a digest of the parameters with their priors, and of the acceleration at some motions.
+    Two models of the same key have different ones. It is a digest of the parameters with their
+    priors, and of the acceleration at some motions.
     """
     return _fingerprint(FOLLOWING[key]) if key in FOLLOWING.keys() - SHIPPED else ""
 
 
 def _fingerprint(model: FollowingModel) -> str:
-    """See `fingerprint`; whatever the acceleration raises is passed on."""
+    """See `fingerprint`; exceptions of the acceleration are passed on."""
     chance = np.random.default_rng(1)
     z = np.clip(chance.normal(size=(len(model.parameters), _PROBES)), -1.0, 1.0)
     theta = np.array([p.value(row) for p, row in zip(model.parameters, z, strict=True)])
@@ -247,9 +248,9 @@ def _fingerprint(model: FollowingModel) -> str:
 
 def value_of(model: str, parameters: Parameters, name: str) -> FloatArray:
     """(..) one parameter of a model's sets (..), by its name; also α, β, τ of a linearisation."""
-    if name in PARAMETER_KEYS or not parameters.own.shape[-1]:
+    if name in PARAMETER_KEYS or parameters.is_linear:
         return np.asarray(getattr(parameters, name))
-    return parameters.own[..., FOLLOWING[model].names.index(name)]
+    return parameters.nonlinear[..., FOLLOWING[model].names.index(name)]
 
 
 def has_terms_of(model: str, parameters: Parameters) -> bool:
@@ -259,9 +260,9 @@ def has_terms_of(model: str, parameters: Parameters) -> bool:
 
 def time_gap(model: str, parameters: Parameters, speed: ArrayLike) -> FloatArray:
     """(..) the time gap in equilibrium at a speed (..) in m/s above zero; nan without one."""
-    if not parameters.own.shape[-1]:
+    if parameters.is_linear:
         return parameters.time_gap(speed)
-    theta = np.moveaxis(parameters.own, -1, 0)
+    theta = np.moveaxis(parameters.nonlinear, -1, 0)
     speed = np.asarray(speed, float)
     return np.asarray(FOLLOWING[model].equilibrium_gaps(theta, speed) / speed)
 
@@ -281,8 +282,8 @@ def simulate(
     initial_gaps: FloatArray,
 ) -> Trajectories:
     """The closed loop of any model; a CTHP's is exact. See `cthp.simulate` for the arguments."""
-    if not parameters.own.shape[-1]:
+    if parameters.is_linear:
         return simulate_cthp(parameters, time, leader_speed, initial_speeds, initial_gaps)
     return FOLLOWING[model].simulate(
-        parameters.own.T, time, leader_speed, initial_speeds, initial_gaps
+        parameters.nonlinear.T, time, leader_speed, initial_speeds, initial_gaps
     )

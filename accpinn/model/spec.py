@@ -1,4 +1,4 @@
-"""Which model is meant: its key, and those of its parameters that keep given values."""
+"""The specification of a model: its key, and the parameters that keep given values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,9 +32,9 @@ class ModelSpec:
         ranges = chosen.fixable
         for name, value in (fixed or {}).items():
             if name not in ranges:
-                known = ", ".join(ranges) or "no parameter"
+                fixable = ", ".join(ranges) or "no parameter"
                 raise ConfigError(
-                    f"fixed: {str(name)[:20]} cannot be fixed; {model} has {known} to fix."
+                    f"fixed: {str(name)[:20]} cannot be fixed; {model} has {fixable} to fix."
                 )
             least, most = ranges[name]
             if not least <= value <= most:

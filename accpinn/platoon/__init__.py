@@ -228,14 +228,16 @@ def simulate_platoon(
         ParameterError: for parameters or settings that cannot be simulated.
     """
     parameters = parameters.flat
-    if (own := parameters.own).size:
+    theta = parameters.nonlinear
+    is_nonlinear = not parameters.is_linear
+    if is_nonlinear:
         following_model(model)
-        if own.shape[-1] != len(FOLLOWING[model].parameters):
+        if theta.shape[-1] != len(FOLLOWING[model].parameters):
             raise ParameterError(
-                f"model: {own.shape[-1]} parameters a vehicle are not those of {model}, which has"
+                f"model: {theta.shape[-1]} parameters a vehicle are not those of {model}, which has"
                 f" {len(FOLLOWING[model].parameters)}; name the model that they are of."
             )
-        parameters = FOLLOWING[model].linearisations(own.T, leader.speed)
+        parameters = FOLLOWING[model].linearisations(theta.T, leader.speed)
         if np.isnan(parameters.tau).any():
             raise ParameterError(
                 f"{FOLLOWING[model].title}: a vehicle has no equilibrium at {leader.speed:g} m/s;"
@@ -255,13 +257,13 @@ def simulate_platoon(
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
-    linear = driven if own.size else None
-    if own.size:
+    linear = driven if is_nonlinear else None
+    if is_nonlinear:
         start = driven.speeds[0, 1:], driven.gaps[0]
         substeps = ceil((time[-1] - time[0]) / (len(time) - 1) / NONLINEAR_STEP)
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told as a collision
             driven = FOLLOWING[model].simulate(
-                own.T, driven.time, driven.speeds[:, 0], *start, substeps
+                theta.T, driven.time, driven.speeds[:, 0], *start, substeps
             )
     wave = _amplitudes(about, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)

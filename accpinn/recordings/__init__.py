@@ -1,4 +1,7 @@
-"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them."""
+"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them.
+
+files.py makes recordings of files, arrays.py of arrays and frames, synthetic.py by simulation.
+"""
 
 import datetime
 import hashlib
@@ -16,7 +19,9 @@ from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.display import Displayed
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words, percent
-from accpinn.recordings.consistency import GapJumps, Pair, inconsistencies
+from accpinn.recordings.consistency import inconsistencies
+from accpinn.recordings.inconsistency import GapJumps
+from accpinn.recordings.increments import Pair
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.summary import summary
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
@@ -42,7 +47,7 @@ _JOINED = re.compile(r"(.*\w)(\([^()]*\))")
 HUMAN_FLAG = 0
 """The file's ACC flag of a run with human drivers."""
 FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
-"""Meaning of the file's ACC flag, which is for the recording as a whole."""
+"""Meaning of the file's ACC flag, which describes the recording as a whole."""
 
 
 class Mode(IntEnum):
@@ -84,7 +89,7 @@ class SamplesMissing(Finding, frozen=True):
     text = "{column} is missing in {part} of the samples{note}, at {where}."
 
     channel: str
-    """Stem of the column's name in the file, as Speed or IVS; likewise below."""
+    """Stem of the column's name in the file, as Speed or IVS; also in the findings below."""
     vehicle: int
     share: float
     """Share of all samples, 0 to 1."""
@@ -140,12 +145,12 @@ class ValuesOutOfRange(Finding, frozen=True):
 
     @property
     def followers(self) -> tuple[int, ...]:
-        """Vehicles in whose equation the values are."""
+        """Vehicles whose equation contains the values."""
         ahead = (self.vehicle,) if self.channel == SPEED.column else ()
         return (*ahead, self.vehicle + 1)
 
     def sentence(self, about: Labelled) -> str:
-        """The side on which the values lie outside decides."""
+        """The sentence of the side on which the values lie outside."""
         return self.filled(self.text if self.is_above else self.text_below, about)
 
     def _words(self, about: Labelled) -> Words:
@@ -156,23 +161,26 @@ class ValuesOutOfRange(Finding, frozen=True):
 
 
 class ValuesFrozen(Finding, frozen=True):
-    """A channel repeats one value while the vehicle behind the sensor moves."""
+    """A channel repeats its values while the vehicle behind the sensor moves."""
 
-    text = "The {name} of {vehicle} is frozen for {seconds:.1f} s while it moves, at {window}."
+    text = "The {name} of {vehicle} is frozen in {count} while it moves, at {where}."
 
     channel: str
     vehicle: int
     """The one whose speed, or whose gap to the vehicle ahead, it is."""
-    window: Window
-    """The longest repetition."""
+    samples: int
+    """Those that repeat the value before them, in repetitions that are too long to be motion."""
+    windows: tuple[Window, ...]
+    """These repetitions, each with the value that is repeated."""
 
     def _words(self, about: Labelled) -> Words:
+        count = "1 sample" if self.samples == 1 else f"{self.samples} samples"
         name = RECORDED[self.channel].name.lower()
-        return {"name": name, "seconds": self.window.duration}
+        return {"name": name, "count": count, "where": listed(self.windows)}
 
 
 class LittleLeaderMotion(Finding, frozen=True):
-    """The leader's speed varies so little that it excites nothing."""
+    """The leader's speed varies so little that it hardly excites its followers."""
 
     text = (
         "The speed of the leader, {vehicle}, varies by only {deviation:.2f} m/s (standard"
@@ -274,23 +282,24 @@ class Recording(Displayed):
     @cached_property
     def vehicles(self) -> tuple[Vehicle, ...]:
         """(V,) vehicles, also those that the header names but the columns lack."""
-        return tuple(self._vehicle(number) for number in range(1, self.speed.shape[1] + 1))
-
-    def _vehicle(self, number: int) -> Vehicle:
-        absent, mode = np.isnan(self.speed_of(number)), self.mode[:, number - 1]
-        counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
-        return Vehicle(
-            index=number,
-            name=self.names.get(number) or unnamed(number),
-            present=not absent.all(),
-            missing=int(absent.sum()),
-            missing_share=float(absent.mean()),
-            modes=counts if any(counts.values()) else None,
-        )
+        vehicles = []
+        for number, (speed, mode) in enumerate(zip(self.speed.T, self.mode.T, strict=True), 1):
+            absent = np.isnan(speed)
+            counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
+            vehicle = Vehicle(
+                index=number,
+                name=self.names.get(number) or unnamed(number),
+                present=not absent.all(),
+                missing=int(absent.sum()),
+                missing_share=float(absent.mean()),
+                modes=counts if any(counts.values()) else None,
+            )
+            vehicles.append(vehicle)
+        return tuple(vehicles)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings that the user should know: the notes, then those about the data."""
+        """All findings: those made while reading, then those about the data."""
         return (*self.notes, *check(self))
 
     @cached_property
@@ -303,7 +312,7 @@ class Recording(Displayed):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that was read, as several mappings make several recordings of a file."""
+        """SHA-256 of data and findings, as several mappings make several recordings of a file."""
         read = (self.data_digest, self.source, self.vehicles, self.findings)
         return hashlib.sha256(repr(read).encode()).hexdigest()
 
@@ -332,7 +341,7 @@ class Recording(Displayed):
     def sample_time(self) -> Seconds:
         """The regular step, or the most typical one where steps are uneven.
 
-        Float noise is rounded off; a step with endless digits, as 1/15 s, is kept as it is.
+        Float noise is rounded off; a step with endless digits, as 1/15 s, is not.
         """
         if not self.is_even:
             return round(float(np.median(np.diff(self.time))), 9)
@@ -351,8 +360,8 @@ class Recording(Displayed):
     @cached_property
     def followed(self) -> tuple[int, ...]:
         """Numbers of the vehicles to which the next one has a space-gap; both have speeds."""
-        known: Mask = np.asarray(np.isfinite(self.gap).any(axis=0))
-        return tuple(k for k in self.present if k + 1 in self.present and known[k - 1])
+        has_gap: Mask = np.asarray(np.isfinite(self.gap).any(axis=0))
+        return tuple(k for k in self.present if k + 1 in self.present and has_gap[k - 1])
 
     def label(self, number: int) -> str:
         """Number and name of vehicle ``number``."""
@@ -420,7 +429,7 @@ def check(recording: Recording) -> Iterator[Finding]:
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
     for channel, number, values in channels:
         missing = np.isnan(values)
-        if channel is GAP:  # they vanish along with a speed; only what goes beyond that is news
+        if channel is GAP:  # a gap vanishes along with a speed; only further samples are reported
             missing &= np.isfinite(recording.speed[:, number - 1 : number + 1]).all(axis=1)
         if blocks := tuple(map(recording.window, stretches(missing))):
             yield SamplesMissing(channel.column, number, float(missing.mean()), blocks)
@@ -432,15 +441,44 @@ def check(recording: Recording) -> Iterator[Finding]:
             if count := int(outside.sum()):
                 far = float(end(values))
                 yield ValuesOutOfRange(channel.column, number, count, far, count / len(values))
-    for channel, number, values in channels:
-        follower = number if channel is SPEED else number + 1
-        moving = recording.speed_of(follower)[1:] > MOVING
-        most = max(stretches((values[1:] == values[:-1]) & moving), key=len, default=None)
-        shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
-        if most and len(most) * recording.sample_time > shortest:
-            equal = Stretch(most.first, most.last + 1)  # k repeats are k + 1 equal samples
-            yield ValuesFrozen(channel.column, follower, recording.window(equal))
+    yield from frozen_values(recording)[0]
     leader = recording.present[0]
     deviation = float(np.nanstd(recording.speed_of(leader)))
     if deviation < LITTLE_LEADER_MOTION:
         yield LittleLeaderMotion(leader, deviation)
+
+
+def frozen_values(
+    recording: Recording, vehicles: Sequence[int] = (), rows: slice = slice(None)
+) -> tuple[list[ValuesFrozen], Mask]:
+    """The frozen values of some vehicles, by default of all, among some samples.
+
+    Returns:
+        The findings, and a mask (N,) of the chosen samples that is True where a speed or a gap to
+        the vehicle ahead repeats the one before it for too long to be motion.
+    """
+    chosen = vehicles or recording.present
+    channels = [(SPEED, number, recording.speed_of(number)) for number in chosen]
+    channels += [
+        (GAP, number, recording.gap_behind(number - 1))
+        for number in chosen
+        if number - 1 in chosen and number - 1 in recording.followed
+    ]
+    shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
+    here = np.zeros(recording.samples, bool)
+    here[rows] = True
+    findings, is_frozen = list[ValuesFrozen](), np.zeros(recording.samples, bool)
+    for channel, follower, values in channels:
+        moving = recording.speed_of(follower)[1:] > MOVING
+        repeated, windows = np.zeros(recording.samples, bool), list[Window]()
+        for part in stretches((values[1:] == values[:-1]) & moving):
+            # k repeats are k + 1 equal samples, of which the first was measured.
+            inside = here[part.first + 1 : part.last + 2]
+            if len(part) * recording.sample_time > shortest and inside.any():
+                repeated[part.first + 1 : part.last + 2] = inside
+                windows.append(recording.window(Stretch(part.first, part.last + 1)))
+        if windows:
+            count = int(repeated.sum())
+            findings.append(ValuesFrozen(channel.column, follower, count, tuple(windows)))
+        is_frozen |= repeated
+    return findings, is_frozen[rows]

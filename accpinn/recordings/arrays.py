@@ -52,9 +52,9 @@ def from_arrays(
         >>> mine.duration, mine.label(2), mine.findings
         (59.9, '2 Audi A6', ())
     """
-    factors = _factors(units)
-    speed = _array("speeds", speeds, factors[1], SPEED)
-    gap = _array("gaps", gaps, factors[2], GAP)
+    _check_units(units)
+    speed = _array("speeds", speeds, SPEED_UNITS[units[1]], SPEED)
+    gap = _array("gaps", gaps, GAP_UNITS[units[2]], GAP)
     gap = gap[:, None] if gap.ndim == 1 else gap
     if speed.ndim != 2 or not 2 <= speed.shape[1] <= MAX_VEHICLES:
         raise _refusal("speeds", f"the shape is {speed.shape}", "give (N, M+1), leader first")
@@ -152,16 +152,15 @@ def _column(argument: str, series: "pd.Series[Any]") -> FloatArray:
         raise _refusal(argument, fault, "give numbers, nan where missing") from None
 
 
-def _factors(units: Units) -> tuple[None, float, float]:
-    """Factors of speed and gap; the time's unit is checked, too."""
-    allowed = ({unit: 1.0 for unit in clocks.FORMS}, SPEED_UNITS, GAP_UNITS)
+def _check_units(units: Units) -> None:
+    """Refuse units that are not known."""
+    allowed = (clocks.FORMS, SPEED_UNITS, GAP_UNITS)
     if not isinstance(units, tuple | list) or len(units) != 3:
         raise _refusal("units", f"{excerpt(repr(units))} is not allowed", 'give ("s", "m/s", "m")')
-    for unit, known in zip(units, allowed, strict=True):
-        if unit not in known:
-            listed = ", ".join(known)
+    for unit, choices in zip(units, allowed, strict=True):
+        if unit not in choices:
+            listed = ", ".join(choices)
             raise _refusal("units", f"{excerpt(repr(unit))} is not known", f"choose from {listed}")
-    return None, SPEED_UNITS[units[1]], GAP_UNITS[units[2]]
 
 
 def _array(argument: str, values: ArrayLike, factor: float, quantity: Quantity) -> FloatArray:

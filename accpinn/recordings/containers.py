@@ -1,4 +1,4 @@
-"""The table inside a file, as CSV text, whatever the file packs it in.
+"""The table inside a file of any known format, as CSV text.
 
 A kind of file is known by its first bytes, never by its name: plain text, which stays as it is;
 UTF-16 text with a byte-order mark; an Excel workbook; a Parquet file; SUMO's floating-car data; and
@@ -47,7 +47,7 @@ _PARQUET = b"PAR1"
 _FLOATING_CAR_DATA = b"<fcd-export"
 _HEAD_BYTES = 100_000
 """Beginning of an XML file in which its root stands; SUMO's configuration comes before it."""
-_WORKBOOK = "xl/workbook.xml"
+WORKBOOK = "xl/workbook.xml"
 _BROKEN = "download or export it again"
 _AGAIN = "download it again, unpack it, or save the sheet as CSV"
 
@@ -65,7 +65,7 @@ class SheetChosen(Finding, frozen=True):
 
 @dataclass(frozen=True)
 class Contents:
-    """The text of a file, and what a reader should know about how it was found."""
+    """The text of a file, and findings about how it was unpacked."""
 
     text: bytes
     """CSV text without a byte-order mark; the bytes themselves where they are no known kind."""
@@ -92,8 +92,8 @@ def _table(raw: bytes, refused: Refusal) -> Contents:
     if raw.startswith(_PARQUET):
         return Contents(_parquet(raw, refused))
     if raw.startswith(ZIP):
-        with _archive(raw, refused) as archive:
-            if _WORKBOOK in archive.namelist():
+        with open_zip(raw, refused) as archive:
+            if WORKBOOK in archive.namelist():
                 return _workbook(archive, refused)
     text = raw.removeprefix(UTF8_MARK)
     if text[:100].lstrip().startswith(b"<") and _FLOATING_CAR_DATA in text[:_HEAD_BYTES]:
@@ -129,7 +129,8 @@ def _utf16(raw: bytes, refused: Refusal) -> bytes:
         raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
 
 
-def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
+def open_zip(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
+    """The zip archive in bytes, with `LIMIT_MEMBERS` files at most."""
     try:
         return archives.open_archive(raw, LIMIT_MEMBERS)
     except archives.TooManyMembers:
@@ -139,7 +140,7 @@ def _archive(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":
         raise refused("the zip archive or Excel workbook is damaged or cut short", _AGAIN) from None
 
 
-def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int = 0) -> bytes:
+def zip_member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int = 0) -> bytes:
     """A file of an archive, which with those before may unpack to the limit."""
     try:
         return archives.read_member(archive, name, LIMIT_BYTES - used)
@@ -156,9 +157,9 @@ def _member(archive: "zipfile.ZipFile", name: str, refused: Refusal, used: int =
 
 def _zipped(raw: bytes, refused: Refusal) -> Contents:
     """A workbook, or the only file of an archive."""
-    with _archive(raw, refused) as archive:
-        names = [name for name in archive.namelist() if _is_file(name)]
-        if _WORKBOOK in names:
+    with open_zip(raw, refused) as archive:
+        names = [name for name in archive.namelist() if is_file(name)]
+        if WORKBOOK in names:
             return _workbook(archive, refused)
         if any(name == "content.xml" or name.startswith("xl/") for name in names):
             fault = "this is a workbook of a kind that is not read"
@@ -166,10 +167,10 @@ def _zipped(raw: bytes, refused: Refusal) -> Contents:
         if len(names) != 1:
             fault = f"this is a zip archive with {len(names)} files, not a CSV file"
             raise refused(fault, "unpack it, and choose one of them")
-        return _table(_member(archive, names[0], refused), refused)
+        return _table(zip_member(archive, names[0], refused), refused)
 
 
-def _is_file(name: str) -> bool:
+def is_file(name: str) -> bool:
     """Whether an archive's entry is no folder and none of what macOS adds."""
     return not name.endswith("/") and not name.startswith("__MACOSX/")
 
@@ -211,7 +212,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
             count = len(book.worksheets)
     except RecordingError:
         raise
-    except Exception as fault:  # whatever a hand-made workbook makes the library stumble over
+    except Exception as fault:  # a malformed workbook ends in many kinds of errors
         raise refused("the workbook is damaged", f"save the sheet as CSV, or {_BROKEN}") from fault
     width = max(map(len, rows), default=0)
     padded = (row + [""] * (width - len(row)) for row in rows)
@@ -220,7 +221,7 @@ def _workbook(archive: "zipfile.ZipFile", refused: Refusal) -> Contents:
 
 
 def _inflated(archive: "zipfile.ZipFile", refused: Refusal) -> io.BytesIO:
-    """The workbook's parts without compression, so that the library meets what was checked."""
+    """The workbook's parts without compression, so that the library reads checked bytes."""
     import zipfile
 
     content, used = io.BytesIO(), 0
@@ -228,7 +229,7 @@ def _inflated(archive: "zipfile.ZipFile", refused: Refusal) -> io.BytesIO:
         for name in dict.fromkeys(archive.namelist()):
             if not name.endswith((".xml", ".rels")):
                 continue  # pictures, macros and printers
-            part = _member(archive, name, refused, used)
+            part = zip_member(archive, name, refused, used)
             used += len(part)
             if b"<!DOCTYPE" in part:
                 raise refused("the workbook defines entities", "save the sheet as CSV")
@@ -250,7 +251,7 @@ def _first_table(tables: Iterable[tuple[str, list[list[str]]]]) -> tuple[str, li
 
 def _cells(sheet: Any, refused: Refusal) -> list[list[str]]:
     """The cells of a sheet from its first row on, without empty ones at the end of rows."""
-    sheet.reset_dimensions()  # what a workbook says of its size may be wrong
+    sheet.reset_dimensions()  # the size that a workbook states may be wrong
     rows: list[list[str]] = []
     filled, width = 0, 0
     for values in sheet.iter_rows(values_only=True):

@@ -32,7 +32,7 @@ CONNECT: Seconds = 10.0
 STALL: Seconds = 30.0
 """Time without a byte after which an attempt is given up."""
 BUSY = (429, 500, 502, 503, 504)
-"""Statuses of a server that is asked again."""
+"""Statuses of a server after which the request is repeated."""
 _CHUNK = 1 << 13
 """Bytes between two reports of progress."""
 
@@ -45,7 +45,7 @@ class DownloadState(Enum):
     """The file was there already."""
     FAILED = "failed"
     STOPPED = "stopped"
-    """The caller asked for it; nothing of the file is kept."""
+    """The caller stopped it; nothing of the file is kept."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Transfer:
     received: int
     """Bytes that have arrived."""
     size: int | None
-    """Bytes of the whole file; None where the server does not say."""
+    """Bytes of the whole file; None where the server does not state it."""
 
     @property
     def share(self) -> float:
@@ -82,7 +82,7 @@ OnTransfer = Callable[[Transfer], None]
 
 
 class _Stopped(Exception):
-    """The caller asked to stop."""
+    """The caller has requested to stop."""
 
 
 def download(
@@ -187,7 +187,7 @@ class _Publisher:
             raise unreachable
         if self.should_stop():
             raise _Stopped
-        Path(place).unlink()  # Pooch's file could be read by its owner alone
+        Path(place).unlink()  # only its owner could read the file that Pooch makes
         try:
             self._transfer(run, url, Path(place))
         except requests.HTTPError as fault:
@@ -236,7 +236,7 @@ def _status(fault: requests.HTTPError) -> int:
 
 
 def _require_run(run: Run, place: Path) -> None:
-    """Refuse what is no run at all; all else a checksum alone could tell."""
+    """Refuse a file without an OpenACC header; the catalogue has no checksum of it."""
     with place.open("rb") as file:
         first = file.read(200).lstrip(b"\xef\xbb\xbf \r\n").decode("utf-8", "replace")
     if first.partition(",")[0].strip().lower() not in {key.lower() for key in METADATA}:

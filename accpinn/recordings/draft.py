@@ -1,4 +1,4 @@
-"""A proposal in the making: the columns of a table, what each is taken for, and the time."""
+"""A proposal in the making: the columns of a table, the role of each, and the time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from accpinn.recordings import clocks
+from accpinn.recordings import clocks, time_forms
 from accpinn.recordings.mapping import (
     CsvMapping,
     TimeColumn,
@@ -21,36 +21,36 @@ NO_TIMES = frozenset(("ignored", "speed", "gap", "relative", "acceleration", "po
 
 @dataclass(frozen=True)
 class Choice:
-    """What one column is taken for."""
+    """The proposed role of one column."""
 
     column: str
     cells: tuple[str, ...]
     """Its first cells."""
     role: str = ""
-    """As "time" or "gap of vehicle 2"; empty for a column that is not used."""
+    """Role as "time" or "gap of vehicle 2"; empty for a column that is not used."""
     unit: str = ""
     reason: str = ""
     """Why, in a few words."""
     is_supported: bool = True
-    """Whether name, unit, layout or data say so."""
+    """Whether name, unit, layout or data support the role."""
     is_by_values: bool = False
-    """Whether nothing but the column's values tells the role, so that this is to be confirmed."""
+    """Whether the role rests on the column's values alone, so that a person has to confirm it."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What the columns of a table are taken for."""
+    """The proposed roles of all columns, and the mapping that they make."""
 
     choices: tuple[Choice, ...]
     """One a column, in the table's order."""
     mapping: CsvMapping
     """The mapping; a column that could not be found has an empty name in it."""
     undecided: tuple[str, ...] = ()
-    """What a person has to decide, a sentence each."""
+    """Sentences about what a person has to decide."""
 
     @property
     def is_supported(self) -> bool:
-        """Whether something supports every choice, so that the table may be read unasked."""
+        """Whether every choice is supported, so that the table may be read without confirmation."""
         return not self.undecided
 
     @property
@@ -73,7 +73,7 @@ class Column:
 
     @property
     def text(self) -> str:
-        """The name as it is written."""
+        """The name as written."""
         return self.name.name
 
     @cached_property
@@ -109,7 +109,7 @@ class Draft:
         self, column: Column, role: str, unit: str, reason: str, is_supported: bool = True,
         is_by_values: bool = False,
     ) -> None:  # fmt: skip
-        """Take a column for something, or for nothing where the role is empty."""
+        """Give a column a role; an empty one leaves it unused."""
         self.choices[column.text] = Choice(
             column.text, tuple(column.cells[:3]), role, unit, reason, is_supported, is_by_values
         )
@@ -119,9 +119,9 @@ class Draft:
         self.choose(column, "", "", reason)
 
     def of(self, quantity: str) -> list[Column]:
-        """Columns of numbers without a choice whose names say the quantity.
+        """Columns of numbers without a choice whose names give the quantity.
 
-        One that is the same in every row counts only where fewer than two others are there.
+        Constant columns count only where at most one other varies.
         """
         columns = [
             column
@@ -134,9 +134,9 @@ class Draft:
         return varying if len(varying) > 1 or len(columns) > 2 else columns
 
     def finished(self, mapping: CsvMapping) -> Proposal:
-        """The proposal; columns that nothing was said of are not used."""
-        rest = [column for column in self.columns if column.text not in self.choices]
-        for column in rest:
+        """The proposal; columns without a choice are not used."""
+        unused = [column for column in self.columns if column.text not in self.choices]
+        for column in unused:
             quantity = column.name.quantity
             reason = f"{quantity}, not needed" if quantity not in ("", "ignored") else "not needed"
             self.pass_over(column, reason if column.varies else "the same in every row")
@@ -187,7 +187,7 @@ def time_of(draft: Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, 
         if rows is not None:
             cells = [cell for cell, is_of in zip(cells, rows, strict=True) if is_of]
         name = column.text if not column.name.unit_cell else f"{column.text} [{column.name.unit}]"
-        recognised = clocks.recognised(name, cells, column.decimal)
+        recognised = time_forms.recognised(name, cells, column.decimal)
         if recognised:
             candidates.append((column, recognised))
     if not candidates:
@@ -211,10 +211,12 @@ def time_of(draft: Draft, rows: Mask | None = None) -> tuple[TimeColumn | None, 
         draft.undecided.append(f'Confirm the unit of time "{column.text}": {recognised.reason}.')
     date = ""
     if recognised.form == "clock":
-        dates = (c for c in draft.columns if c.text not in draft.choices and _is_date(c))
-        if day := next(dates, None):
-            draft.choose(day, "date", "", "dates beside a clock")
-            date = day.text
+        for day in draft.columns:
+            is_date = day.name.quantity == "date" and all(":" not in cell for cell in day.words)
+            if is_date and day.text not in draft.choices:
+                draft.choose(day, "date", "", "dates beside a clock")
+                date = day.text
+                break
     return TimeColumn(column.text, recognised.form, date, nanoseconds), step
 
 
@@ -227,18 +229,14 @@ def _nanoseconds(draft: Draft, seconds: Column) -> str:
         numbers = column.numbers
         if column is seconds or column.text in draft.choices or numbers is None:
             continue
-        if clocks.is_fraction(column.text, numbers):
+        if time_forms.is_fraction(column.text, numbers):
             draft.choose(column, "nanoseconds", "ns", "nanoseconds beside whole seconds")
             return column.text
     return ""
 
 
-def _is_date(column: Column) -> bool:
-    return column.name.quantity == "date" and all(":" not in cell for cell in column.words)
-
-
 def seconds_of(draft: Draft, time: TimeColumn | None) -> FloatArray | None:
-    """The time of the first rows in s, as far as it increases; None where it does not."""
+    """Times of the first rows in s; None where they do not increase."""
     if time is None or time.unit == clocks.FRAME:
         return None
     columns = {column.text: column for column in draft.columns}

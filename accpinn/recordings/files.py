@@ -1,4 +1,11 @@
-"""One way to read a file, whatever it is: an OpenACC run, a table of pairs, or any other table.
+"""How a file becomes a recording: an OpenACC run, a table of pairs, or any other table.
+
+    read -> source.py, containers.py    bytes, unpacked to CSV text
+         -> table_layout.py, tables.py  rows and columns by name
+         -> openacc.py, pairs.py        layouts that say themselves what columns hold
+         -> proposal.py, mapping.py     other tables: a mapping, proposed or given
+         -> mapped.py, trajectories.py  read by the mapping
+         -> sampling.py                 missing rows inserted, as a `Recording`
 
 Any other table is read by a mapping: the one that is given, the one that was remembered for the
 same column names, or the one that is proposed, if something supports every choice of it and nothing
@@ -13,25 +20,31 @@ from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Recording, ValuesOutOfRange, mapped, openacc, pairs
-from accpinn.recordings.consistency import GapJumps, Inconsistency
 from accpinn.recordings.draft import Proposal
+from accpinn.recordings.inconsistency import GapJumps, Inconsistency
 from accpinn.recordings.mapped import UnitContradictsHeader
-from accpinn.recordings.mapping import CsvMapping, MappingRemembered, keep_mapping, kept_mapping
+from accpinn.recordings.mapping import (
+    CsvMapping,
+    MappingRemembered,
+    remember_mapping,
+    remembered_mapping,
+)
 from accpinn.recordings.proposal import proposed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
+from accpinn.recordings.table_layout import Layout, layout_of
+from accpinn.recordings.tables import TableRun, choose_run
 
 MOST_VEHICLES = 300
 """Vehicles of one recording, each of which pages, findings and tables list."""
 LONGEST_SUMMARY = 200
-"""Characters of what a sentence says about how columns were read."""
+"""Characters of a sentence about how columns were read."""
 
 
 _OFFER = "map its columns on page Home, or by --mapping (info --propose prints a proposal)"
 
 
 class ColumnsProposed(Finding, frozen=True):
-    """The table was read by a mapping that nobody gave."""
+    """The table was read by the proposed mapping, as none was given."""
 
     text = "Columns were read as their names say: {summary}. If that is wrong, give a mapping."
 
@@ -72,12 +85,12 @@ def read(
     file = opened(source, name, mapping)
     if not remember:
         return file.read(trajectory)
-    if file.is_unknown and (known := kept_mapping(file.names)):
-        return replace(file, mapping=known, notes=(MappingRemembered(),)).read(trajectory)
+    if file.is_unknown and (remembered := remembered_mapping(file.names)):
+        return replace(file, mapping=remembered, notes=(MappingRemembered(),)).read(trajectory)
     recording = file.read(trajectory)
     differs = any(isinstance(note, UnitContradictsHeader) for note in recording.notes)
     if mapping and not differs and not contradictions(recording):
-        keep_mapping(mapping, file.names)
+        remember_mapping(mapping, file.names)
     return recording
 
 
@@ -104,7 +117,7 @@ def read_all(
 
 
 def contradictions(recording: Recording) -> tuple[Finding, ...]:
-    """The findings that say that columns, units or signs are probably others than was read."""
+    """The findings by which columns, units or signs are probably others than were read."""
     return tuple(
         finding for finding in recording.findings
         if (
@@ -129,7 +142,7 @@ class File:
     mapping: CsvMapping | None = None
     """The one that it is read by; None for an OpenACC run and a table of pairs."""
     notes: tuple[Finding, ...] = ()
-    """How the mapping came about."""
+    """Findings about where the mapping comes from."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,7 +156,7 @@ class File:
 
     @property
     def is_unknown(self) -> bool:
-        """Whether it is a table that only a mapping can serve, and none is given.
+        """Whether it is a table that needs a mapping, and none is given.
 
         A run begins with its time, as tables of one's own do, and has numbered vehicles.
         """
@@ -151,7 +164,7 @@ class File:
 
     @cached_property
     def proposal(self) -> Proposal:
-        """What the columns are taken for.
+        """The mapping proposed for the columns, with reasons.
 
         Raises:
             RecordingError: where the rows cannot be split into cells.
@@ -167,7 +180,7 @@ class File:
 
     @property
     def read_as(self) -> tuple[Finding, ...]:
-        """How the mapping to read by came about."""
+        """Findings about where the mapping to read by comes from."""
         if self.is_unknown and self.proposal.is_supported:
             return (*self.notes, ColumnsProposed(self.proposal.summary))
         return self.notes
@@ -229,7 +242,7 @@ class File:
         return recording
 
     def checked(self, recording: Recording) -> Recording:
-        """The recording, unless nobody gave its mapping and the data contradict it.
+        """The recording, refused where its mapping was proposed and the data contradict it.
 
         Raises:
             RecordingError: with the contradiction.
@@ -242,10 +255,10 @@ class File:
 
 
 def opened(source: Source, name: str | None = None, mapping: CsvMapping | None = None) -> File:
-    """A file, and how it is read; a given mapping counts, whatever the file is.
+    """Open a file and find how it is read; a given mapping is used for any kind of file.
 
     Raises:
-        RecordingError: when the file is no text at all, or cannot be unpacked.
+        RecordingError: when the file is no text, or cannot be unpacked.
     """
     content = read_bytes(source, name)
     if mapping:
@@ -268,7 +281,7 @@ def _first_row(content: SourceFile) -> str:
 
 
 def _first_cell(content: SourceFile) -> str:
-    """The cell with which an OpenACC file says that it is one, in small letters."""
+    """The first cell, in small letters, which identifies an OpenACC file."""
     return _first_row(content).partition(",")[0].strip().lower()
 
 

@@ -5,7 +5,7 @@
      "gaps": [{"column": "range", "unit": "ft", "subtract": 4.5}],
      "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}
 
-Speeds are listed leader first, and a gap for each follower. What else can be said:
+Speeds are listed leader first, and a gap for each follower. Further entries:
 
     "time": {"column": "clock", "unit": "clock", "date": "day"}   date and time in two columns
     "time": {"column": "secs", "nanoseconds": "nsecs"}            whole seconds and their fractions
@@ -13,7 +13,7 @@ Speeds are listed leader first, and a gap for each follower. What else can be sa
     "sample_time": 0.1                            even steps, in place of "time"
     {"column": "dv", "relative_to": 2}            a speed relative to that of vehicle 2
     {.., "reversed": true}                        the sign is the other one, of speed or gap
-    {.., "shift": -1.0}                           its clock was wrong: seconds to add to its times
+    {.., "shift": -1.0}                           seconds to add to its times, to correct its clock
     {"column": "p1", "minus": "p2", "subtract": "length"}    a gap between two positions
     "by": {"vehicle": "id", "leader": "leader_id"}           one row a vehicle and instant
     "by": {"vehicle": "id", "lane": "lane", "position": "x"}
@@ -38,19 +38,10 @@ from msgspec.structs import replace
 from accpinn.channels import MAX_VEHICLES, SPEED
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings import consistency
+from accpinn.recordings import cures
 from accpinn.recordings.clocks import FORMS, FRAME
-from accpinn.recordings.consistency import (
-    Cure,
-    Exchange,
-    Inconsistency,
-    ReadAs,
-    ReadSpeedAs,
-    Reverse,
-    Shift,
-    SpeedsApart,
-    UnitsDiffer,
-)
+from accpinn.recordings.cures import Cure, Exchange, ReadAs, ReadSpeedAs, Reverse, Shift
+from accpinn.recordings.inconsistency import Inconsistency, SpeedsApart, UnitsDiffer
 from accpinn.recordings.source import excerpt
 from accpinn.storage import folder, reported, write_whole
 from accpinn.units import GAP_UNITS, SPEED_UNITS, Metres, Seconds
@@ -107,7 +98,7 @@ class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class MappingRemembered(Finding, frozen=True):
-    """The columns were read as a mapping says that an earlier file with the same columns had."""
+    """The columns were read by the mapping of an earlier file with the same columns."""
 
     text = (
         "Columns and units were read as those of an earlier file with the same header; map the"
@@ -116,7 +107,7 @@ class MappingRemembered(Finding, frozen=True):
 
 
 class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The column that says who controls a vehicle."""
+    """The column of a vehicle's driver mode."""
 
     vehicle: int
     """Number of the vehicle, 1 = first."""
@@ -128,7 +119,7 @@ class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ByVehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The columns that tell vehicles apart in a table of one row a vehicle and instant."""
+    """The columns that identify vehicles in a table of one row a vehicle and instant."""
 
     vehicle: str
     """Identifier of the row's vehicle."""
@@ -151,7 +142,7 @@ class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The even step between rows, where no column holds the time, or between frames."""
     modes: tuple[ModeColumn, ...] = ()
     trajectory: str | None = None
-    """The column that tells several runs in one table apart."""
+    """The column that identifies the runs of a table."""
     by: ByVehicle | None = None
     """Where each row is one vehicle at one instant."""
 
@@ -187,7 +178,7 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
 
 
 def write_mapping(mapping: CsvMapping) -> bytes:
-    """The JSON document of a mapping, without what is empty or zero."""
+    """The JSON document of a mapping, without empty and zero entries."""
     return msgspec.json.format(msgspec.json.encode(_filled(msgspec.to_builtins(mapping))), indent=2)
 
 
@@ -209,7 +200,7 @@ def check_mapping(mapping: CsvMapping, name: str = "mapping") -> None:
 
 
 def _faults(mapping: CsvMapping) -> Iterator[str]:
-    """What is wrong with a mapping, each with its cure."""
+    """The faults of a mapping, each with its cure."""
     speeds, gaps = len(mapping.speeds), len(mapping.gaps)
     if mapping.by:
         yield from _faults_by_vehicle(mapping, mapping.by)
@@ -220,9 +211,9 @@ def _faults(mapping: CsvMapping) -> Iterator[str]:
     yield from _time_faults(mapping)
     units = [(s.unit, SPEED_UNITS, f"speeds[{k}]") for k, s in enumerate(mapping.speeds)]
     units += [(g.unit, GAP_UNITS, f"gaps[{k}]") for k, g in enumerate(mapping.gaps)]
-    for unit, known, place in units:
-        if unit not in known:
-            yield f'{place}.unit: "{excerpt(unit)}" is not known; choose from {", ".join(known)}'
+    for unit, choices, place in units:
+        if unit not in choices:
+            yield f'{place}.unit: "{excerpt(unit)}" is not known; choose from {", ".join(choices)}'
     for k, speed in enumerate(mapping.speeds):
         other = speed.relative_to
         if other and (not 1 <= other <= speeds or mapping.speeds[other - 1].relative_to):
@@ -283,7 +274,7 @@ def _time_faults(mapping: CsvMapping) -> Iterator[str]:
 
 
 def _roles(mapping: CsvMapping) -> Iterator[tuple[str, str]]:
-    """Each column that a mapping names, with what it is to hold; who drives is told apart."""
+    """Places and columns that a mapping names, without those of driver modes."""
     if mapping.time:
         yield "time", mapping.time.column
         if mapping.time.date:
@@ -343,7 +334,7 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
         case ReadAs():
             speeds = [replace(speed, unit=cure.speed) for speed in speeds]
             gaps = [replace(gap, unit=cure.gap) for gap in gaps]
-            if mapping.time and mapping.time.unit in consistency.TIME_UNITS:
+            if mapping.time and mapping.time.unit in cures.TIME_UNITS:
                 mapping = replace(mapping, time=replace(mapping.time, unit=cure.time))
         case ReadSpeedAs(vehicle, unit):
             at = 0 if mapping.by else vehicle - 1
@@ -351,16 +342,16 @@ def cured(mapping: CsvMapping, cure: Cure) -> CsvMapping:
     return replace(mapping, speeds=tuple(speeds), gaps=tuple(gaps))
 
 
-def taken_as(mapping: CsvMapping, vehicle: int) -> ReadAs:
+def units_taken(mapping: CsvMapping, vehicle: int) -> ReadAs:
     """The units in which a mapping reads the speed of a vehicle and the gap behind it."""
     at = 0 if mapping.by else vehicle - 1
-    is_counted = mapping.time is not None and mapping.time.unit in consistency.TIME_UNITS
-    time = mapping.time.unit if mapping.time and is_counted else consistency.SI.time
+    is_counted = mapping.time is not None and mapping.time.unit in cures.TIME_UNITS
+    time = mapping.time.unit if mapping.time and is_counted else cures.SI.time
     return ReadAs(mapping.speeds[at].unit, mapping.gaps[at].unit, time)
 
 
 def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
-    """What would make gap and speeds agree, likeliest first, where they were read by a mapping.
+    """The cures of an inconsistency of data that were read by a mapping, likeliest first.
 
     Only what `cured` can change in that mapping is named.
     """
@@ -371,14 +362,14 @@ def cures_of(finding: Inconsistency, mapping: CsvMapping) -> tuple[Cure, ...]:
         return finding.units((ahead, behind))
     if not isinstance(finding, UnitsDiffer):
         return tuple(c for c in finding.cures if not (mapping.by and isinstance(c, Shift)))
-    taken = taken_as(mapping, finding.vehicle)
-    if taken.speed not in SPEED_UNITS or taken.gap not in consistency.GAP_UNITS:
+    taken = units_taken(mapping, finding.vehicle)
+    if taken.speed not in SPEED_UNITS or taken.gap not in cures.GAP_UNITS:
         return ()
-    is_counted = mapping.time is not None and mapping.time.unit in consistency.TIME_UNITS
+    is_counted = mapping.time is not None and mapping.time.unit in cures.TIME_UNITS
     return tuple(c for c in finding.units(taken) if is_counted or c.time == taken.time)
 
 
-def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
+def remember_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
     """Keep a mapping for the next file with these column names; a full disk is no fault."""
     place = _place(names)
     with suppress(OSError):
@@ -386,7 +377,7 @@ def keep_mapping(mapping: CsvMapping, names: Sequence[str]) -> None:
         write_whole(place, write_mapping(mapping))
 
 
-def kept_mapping(names: Sequence[str]) -> CsvMapping | None:
+def remembered_mapping(names: Sequence[str]) -> CsvMapping | None:
     """The mapping kept for files with these column names; None where there is none."""
     try:
         return parse_mapping(_place(names).read_bytes())

@@ -1,4 +1,4 @@
-"""What the name of a column says: quantity, unit, whose it is, and its vehicle's number.
+"""The name of a column taken apart: quantity, unit, leader or follower, vehicle's number.
 
 Names are taken apart into words, as "precedingXVelocity" and "v lead [ft/s]" are; a unit stands in
 brackets, behind an underscore, or in a row of its own.
@@ -69,7 +69,7 @@ WORDS_OF = {
     )),
     "date": frozenset(("date", "day", "datum")),
 }  # fmt: skip
-"""Words, in small letters, that say what a column holds."""
+"""Words, in small letters, for the quantity that a column holds."""
 _SURE_GAPS = frozenset(("gap", "gaps", "ivs", "clearance", "abstand", "interdistance"))
 _KNOWN: frozenset[str] = frozenset().union(*WORDS_OF.values())
 _WHOSE = {
@@ -103,11 +103,11 @@ class ColumnName:
 
     name: str
     unit_cell: str = ""
-    """What a row of units says of the column."""
+    """The column's cell in a row of units; empty without such a row."""
 
     @cached_property
     def unit(self) -> str:
-        """The unit as it is written, in small letters; empty without one."""
+        """The unit as written, in small letters; empty without one."""
         if self.unit_cell.strip():
             return _plain_unit(self.unit_cell.strip(" []()"))
         for inside in reversed(_BRACKETS.findall(self.name)):
@@ -141,9 +141,9 @@ class ColumnName:
             part for word in _WORDS.findall(lowered) for part in _apart(word.casefold())
         )
 
-    def says(self, what: str) -> bool:
+    def means(self, quantity: str) -> bool:
         """Whether a word of the name is one of those for a quantity."""
-        return bool(WORDS_OF[what] & set(self.parts))
+        return bool(WORDS_OF[quantity] & set(self.parts))
 
     @property
     def speed_unit(self) -> str:
@@ -163,7 +163,7 @@ class ColumnName:
 
     @cached_property
     def whose(self) -> str:
-        """`LEADER`, `FOLLOWER`, or empty where the name does not say."""
+        """`LEADER`, `FOLLOWER`, or empty where the name has no word for either."""
         parts = set(self.parts)
         for who, words in _WHOSE.items():
             if {word for word in words if len(word) > 1 or len(self.parts) <= 2} & parts:
@@ -172,10 +172,9 @@ class ColumnName:
 
     @cached_property
     def quantity(self) -> str:
-        """Key of `WORDS_OF` for what the column holds; empty where the name does not say.
+        """Key of `WORDS_OF` for the column's quantity; empty where the name does not give it.
 
-        A name that says a time headway, a limit or another quantity that no mapping needs is
-        "ignored".
+        It is "ignored" for a time headway, a limit or another quantity that no mapping needs.
         """
         parts, is_short = set(self.parts), len(self.parts) <= 3
         if parts & {"time", "temporal"} and parts & {"gap", "headway", "collision"}:
@@ -183,25 +182,25 @@ class ColumnName:
         if {"range", "rate"} <= parts:
             return "relative"
         if parts & {"time", "timestamp", "timestamps"} and not self.speed_unit:
-            if not self.says("speed") and not self.says("gap"):
+            if not self.means("speed") and not self.means("gap"):
                 return "time"
-        if self.speed_unit and not self.says("relative"):
-            return "ignored" if self.says("ignored") else "speed"
-        if self.says("relative") and not self.says("id"):
-            is_speed = self.says("speed") or self.speed_unit or parts & {"dv", "deltav", "rr"}
+        if self.speed_unit and not self.means("relative"):
+            return "ignored" if self.means("ignored") else "speed"
+        if self.means("relative") and not self.means("id"):
+            is_speed = self.means("speed") or self.speed_unit or parts & {"dv", "deltav", "rr"}
             if is_speed or parts & {"rangerate", "closing", "dspeed"}:
                 return "relative"
-            return "gap" if self.says("gap") or (is_short and "d" in parts) else ""
-        if self.says("ignored"):
+            return "gap" if self.means("gap") or (is_short and "d" in parts) else ""
+        if self.means("ignored"):
             return "ignored"
-        if self.says("acceleration"):
+        if self.means("acceleration"):
             return "acceleration"
-        if self.says("id") and not parts & (WORDS_OF["speed"] | WORDS_OF["length"]) - {"v"}:
-            if not self.says("gap") and not self.says("position"):
-                return "lane" if self.says("lane") else "run" if self.says("run") else "id"
-        if self.says("length"):
+        if self.means("id") and not parts & (WORDS_OF["speed"] | WORDS_OF["length"]) - {"v"}:
+            if not self.means("gap") and not self.means("position"):
+                return "lane" if self.means("lane") else "run" if self.means("run") else "id"
+        if self.means("length"):
             return "length"
-        if self.says("travelled"):
+        if self.means("travelled"):
             return "position"
         if parts & _SURE_GAPS:
             return "gap"
@@ -209,16 +208,16 @@ class ColumnName:
             return "speed"
         if parts & WORDS_OF["position"] and (is_short or parts & {"pos", "position"}):
             return "position"
-        for what in ("headway", "gap", "speed", "lane", "run", "mode", "date"):
-            if self.says(what):
-                return what
+        for quantity in ("headway", "gap", "speed", "lane", "run", "mode", "date"):
+            if self.means(quantity):
+                return quantity
         if self.whose == LEADER and is_short:
             return "id"
         return ""
 
     @property
     def is_sure_gap(self) -> bool:
-        """Whether the name says a gap from bumper to bumper."""
+        """Whether the name means a gap from bumper to bumper."""
         return bool(_SURE_GAPS & set(self.parts))
 
     @property

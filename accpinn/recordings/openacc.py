@@ -23,7 +23,8 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.sampling import recording_of
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import HEADER_BYTES, Columns, Layout, cells_of, read_columns
+from accpinn.recordings.table_layout import HEADER_BYTES, Layout, cells_of
+from accpinn.recordings.tables import Columns, read_columns
 from accpinn.storage import packaged_rows
 from accpinn.units import FloatArray
 
@@ -68,7 +69,7 @@ def catalogue() -> tuple[Run, ...]:
 
 
 def _natural(name: str) -> list[str | int]:
-    """Sorts numbers within a name by their value; texts and numbers alternate."""
+    """Sort key in which numbers within a name count by their value."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
 
 
@@ -91,14 +92,14 @@ def find(names: Sequence[str]) -> tuple[Run, ...]:
                 f'"{name[:60]}" is not in the catalogue; choose a campaign ({listed}) or a file.'
             )
         if len({run.campaign for run in runs}) > 1:
-            both = " or ".join(run.key for run in runs)
-            raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
+            choices = " or ".join(run.key for run in runs)
+            raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {choices}.')
         chosen |= dict.fromkeys(runs)
     return tuple(chosen)
 
 
 def make_and_model(name: str) -> tuple[str, str]:
-    """Make and model by the name in a header; the model is empty where it does not tell."""
+    """Make and model by the name in a header; the model is empty where the name has none."""
     listed = _makes().get(_key(name))
     if listed:
         return listed
@@ -109,8 +110,8 @@ def make_and_model(name: str) -> tuple[str, str]:
     return _makes().get(_key(make), (make, ""))[0], model
 
 
-def is_known(name: str) -> bool:
-    """Whether the table has a name."""
+def is_listed_name(name: str) -> bool:
+    """Whether the table of makes has a name."""
     return _key(name) in _makes()
 
 
@@ -129,6 +130,8 @@ LONGEST_NAME = 80
 
 _NUMBERED = re.compile(r"([A-Za-z]+)([1-9]\d?)")
 _CHOOSE_RUN = "choose the CSV file of a run"
+_NEEDED = (SPEED, "numbered speed", "of several vehicles"), (GAP, "space-gap", "with gaps")
+"""Channels that a run must have, with the words of the error about a missing one."""
 _TABLE_NAMES = re.compile(r"veh_specifications|^Long setting vehs", re.IGNORECASE)
 
 
@@ -245,10 +248,12 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
 
 
 def _measured(columns: Columns, channel: Quantity, count: int) -> FloatArray:
-    """(N, count) a channel by vehicle number, nan for vehicles that have none; not all of it is."""
-    known = {k: columns.measured(channel, n) for k, n in numbered(columns.layout, channel).items()}
+    """(N, count) a channel by vehicle number, nan for vehicles without it; refused if all are."""
+    by_vehicle = {
+        k: columns.measured(channel, n) for k, n in numbered(columns.layout, channel).items()
+    }
     absent = np.full(len(columns), np.nan)
-    values = np.stack([known.get(k, absent) for k in range(1, count + 1)], axis=1)
+    values = np.stack([by_vehicle.get(k, absent) for k in range(1, count + 1)], axis=1)
     if np.isnan(values).all():
         fault = f"all {channel.name.lower()} columns are empty"
         raise columns.source_file.refusal(fault, "choose another recording")
@@ -292,7 +297,7 @@ Metadata = dict[str, tuple[str, ...]]
 
 
 def _read_header(source_file: SourceFile) -> tuple[Metadata, Layout]:
-    """Metadata and layout of a file, or the sentence why it is no OpenACC run."""
+    """Metadata and layout of a file, or the error that it is no OpenACC run."""
     metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
     for number, line in enumerate(source_file.lines(HEADER_BYTES), start=1):
@@ -302,7 +307,10 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, Layout]:
         first, place = cells[0].lower(), f"row {number}"
         if first == TIME.column.lower():
             layout = Layout(cells, (), ",", ".", number, number + 1)
-            _require_channels(source_file, layout)
+            for channel, kind, whose in _NEEDED:
+                if not numbered(layout, channel):
+                    fault = f"no {kind} column (as {channel.of(1)}) is among the column names"
+                    raise source_file.refusal(fault, f"{_CHOOSE_RUN} {whose}", place)
             return metadata, layout
         if first not in keys:
             raise _unexpected(source_file, cells[0], place)
@@ -337,7 +345,7 @@ def accompanies_runs(source_file: SourceFile) -> bool:
 
 
 def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingError:
-    """The sentence about a row whose first cell no row above the data has."""
+    """The error about a row above the data whose first cell is neither a key nor Time."""
     if accompanies_runs(source_file):
         return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
     for separator, named in ((";", "semicolons"), ("\t", "tabs")):
@@ -353,14 +361,6 @@ def numbered(layout: Layout, channel: Quantity) -> dict[int, str]:
     """The columns of a channel by vehicle number."""
     matches = filter(None, map(_NUMBERED.fullmatch, layout.names))
     return {int(match[2]): match[0] for match in matches if match[1] == channel.column}
-
-
-def _require_channels(source_file: SourceFile, layout: Layout) -> None:
-    needed = (SPEED, "numbered speed", "of several vehicles"), (GAP, "space-gap", "with gaps")
-    for channel, kind, whose in needed:
-        if not numbered(layout, channel):
-            fault = f"no {kind} column (as {channel.of(1)}) is among the column names"
-            raise source_file.refusal(fault, f"{_CHOOSE_RUN} {whose}", f"row {layout.header_row}")
 
 
 def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:

@@ -11,7 +11,7 @@ Scientific Data 11, 1123, 2024 (ULTra-AV).
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -22,14 +22,8 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.sampling import recording_of
 from accpinn.recordings.source import SourceFile, excerpt
-from accpinn.recordings.tables import (
-    MINIMUM_SAMPLES,
-    MOST_RUNS,
-    Columns,
-    Layout,
-    TableRun,
-    read_columns,
-)
+from accpinn.recordings.table_layout import Layout
+from accpinn.recordings.tables import MINIMUM_SAMPLES, MOST_RUNS, Columns, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond, nanmean
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
@@ -40,7 +34,7 @@ WORDS = (TRAJECTORY, LEADER, FOLLOWER)
 LEADER_MODES = {"0": Mode.HUMAN, "1": Mode.ACC}
 """Values of `Type_LV`: a human driver, an automated vehicle."""
 OPENACC_SETS = ("AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone")
-"""Data sets of OpenACC, whose leaders have type 1 also where nothing says who drove them."""
+"""Data sets of OpenACC, whose leaders have type 1 also where the driver is not recorded."""
 
 SAME: MetresPerSecond = 0.01
 """Largest root mean square difference of two records of the same vehicle's speed."""
@@ -146,29 +140,24 @@ def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
     matches = []
     for k, others in enumerate(behind_each):
-        speed = _Following(pairs[k].numbers[FOLLOWER_SPEED])
+        speed = _FollowerSpeed(pairs[k].numbers[FOLLOWER_SPEED])
         for other in others:
             if other != k and (shared := speed.shared(pairs[other].numbers[LEADER_SPEED])):
                 matches.append((-shared[0], k, other, shared[1]))
     links: dict[int, tuple[int, int]] = {}
     followers: set[int] = set()
     for _, k, other, shift in sorted(matches):
-        is_circle = _last(links, other) == k
-        if k not in links and other not in followers and not is_circle:
+        last = other
+        while last in links:
+            last, _ = links[last]
+        if k not in links and other not in followers and last != k:  # no circle
             links[k] = other, shift
             followers.add(other)
     return links
 
 
-def _last(links: Mapping[int, tuple[int, int]], pair: int) -> int:
-    """The last pair behind a pair."""
-    while pair in links:
-        pair, _ = links[pair]
-    return pair
-
-
-class _Following:
-    """The speed of the follower of one pair, to be found again as that of a leader of others."""
+class _FollowerSpeed:
+    """The speed of the follower of one pair, which may be the leader's of another pair."""
 
     def __init__(self, speed: FloatArray) -> None:
         """(N,) speed in m/s."""
@@ -205,10 +194,13 @@ class _Following:
         return (count, shift) if is_same else None
 
     def _likely_shift(self, b: FloatArray) -> tuple[int, int]:
-        """Where ``b`` (K,) differs least from this speed a, both about its mean, and for how long.
+        """The shift at which ``b`` (K,) differs least from this speed a, and the samples in common.
 
-        Σ (a - b)² = Σ a² + Σ b² - 2 Σ a b over the samples in common at each shift; the products
-        are a convolution, the squares sums that run.
+        Both are about the mean of a. Over the samples in common at each shift
+
+            Σ (a - b)² = Σ a² + Σ b² - 2 Σ a b
+
+        where the products are a convolution and the squares running sums.
         """
         from scipy import fft  # takes a while to import, which few need
 
@@ -254,16 +246,18 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
     gap = np.full((samples, vehicles - 1), np.nan)
     mode = np.full((samples, vehicles), Mode.UNKNOWN, np.int8)
     for k, (place, pair, instants) in enumerate(zip(places, pairs, clocks, strict=True)):
-        known = np.flatnonzero(np.isfinite(time[place]))
+        filled = np.flatnonzero(np.isfinite(time[place]))
         # The first pair's clock serves for all.
-        offset = time[place][known[0]] - instants[known[0]] if len(known) else 0.0
+        offset = time[place][filled[0]] - instants[filled[0]] if len(filled) else 0.0
         _fill(time[place], instants + offset)
         _fill(speed[place, k], pair.numbers[LEADER_SPEED])
         speed[place, k + 1] = pair.numbers[FOLLOWER_SPEED]
         gap[place, k] = pair.numbers[PAIR_GAP]
         mode[place, k + 1] = Mode.ACC
         if k == 0:
-            mode[place, 0] = _leader_mode(_identifier(pair, LEADER_TYPE), data_set)
+            leader = LEADER_MODES.get(_identifier(pair, LEADER_TYPE), Mode.UNKNOWN)
+            is_open = leader is Mode.ACC and data_set in OPENACC_SETS
+            mode[place, 0] = Mode.UNKNOWN if is_open else leader
     name = None if is_only else _identifier(pairs[0], TRAJECTORY)
     ids = [_identifier(pairs[0], LEADER), *(_identifier(pair, FOLLOWER) for pair in pairs)]
     return recording_of(
@@ -276,12 +270,6 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
         trajectory=name,
         names={k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)},
     )  # fmt: skip
-
-
-def _leader_mode(kind: str, data_set: str | None) -> Mode:
-    """Who drives a leader by its type."""
-    mode = LEADER_MODES.get(kind, Mode.UNKNOWN)
-    return Mode.UNKNOWN if mode is Mode.ACC and data_set in OPENACC_SETS else mode
 
 
 def _fill(place: NDArray[np.float64], values: FloatArray) -> None:

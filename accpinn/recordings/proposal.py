@@ -1,12 +1,12 @@
-"""What the columns of a table hold: a mapping, proposed with a reason for each choice.
+"""A mapping of a table's columns, proposed with a reason for each choice.
 
-A choice is supported where the column's name, its unit or the published layout of a data set says
-it, or where the data do: units by the equation
+A choice is supported by the column's name, its unit or the published layout of a data set, or by
+the data: units by the equation
 
     dp/dt = v_ahead - v_behind
 
-which holds in one combination of units only. What nothing supports is proposed, if at all, to be
-confirmed by a person, and never read unasked.
+which holds in one combination of units only. A choice without support is proposed, if at all, to be
+confirmed by a person, and the table is not read before.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from msgspec.structs import replace
 from accpinn.channels import MAX_VEHICLES
 from accpinn.findings import joined
 from accpinn.recordings import clocks
+from accpinn.recordings.data_sets import published_layout
 from accpinn.recordings.draft import Column, Draft, Proposal, roles_of, time_of
-from accpinn.recordings.layouts import published_layout
 from accpinn.recordings.mapping import (
     ByVehicle,
     CsvMapping,
@@ -30,11 +30,12 @@ from accpinn.recordings.mapping import (
 )
 from accpinn.recordings.names import FOLLOWER, LEADER, ColumnName
 from accpinn.recordings.source import SourceFile
-from accpinn.recordings.tables import Layout, first_cells
+from accpinn.recordings.table_layout import Layout
+from accpinn.recordings.tables import first_cells
 from accpinn.recordings.unit_evidence import (
-    found_by_values,
-    from_values,
-    long_units,
+    find_by_values,
+    proposal_of_values,
+    units_by_vehicle,
     with_units,
 )
 from accpinn.units import Mask
@@ -42,14 +43,14 @@ from accpinn.units import Mask
 ROWS = 20_000
 """Rows that a proposal looks at."""
 FEW_WORDS = 12
-"""Most different words of a column that says who drives."""
+"""Most different words of a column of driver modes."""
 TURNED_ON = frozenset(("1", "true", "acc", "on", "auto", "automated", "engaged", "active", "yes"))
 TURNED_OFF = frozenset(("0", "false", "human", "off", "manual", "driver", "inactive", "no"))
 """Words, in small letters, for driving under ACC and by hand."""
 
 
 def proposed(source_file: SourceFile, layout: Layout) -> Proposal:
-    """What the columns of a table hold.
+    """Propose a mapping of a table's columns.
 
     Raises:
         RecordingError: when its rows cannot be split into cells.
@@ -61,22 +62,18 @@ def proposed(source_file: SourceFile, layout: Layout) -> Proposal:
         for name, unit, column in zip(layout.names, units, cells, strict=False)
     ]
     draft = Draft(columns)
-    if known := published_layout(layout.names):
-        return _published(draft, *known)
+    if data_set := published_layout(layout.names):
+        title, mapping = data_set
+        by_name = {column.text: column for column in columns}
+        for name, role, unit in roles_of(mapping):
+            draft.choose(by_name[name], role, unit, f"{title}, as published")
+        return draft.finished(mapping)
     for k, column in enumerate(columns):
         twin = next((c for c in columns[:k] if column.varies and column.is_copy(c)), None)
         if twin:
             draft.pass_over(column, f'a copy of "{twin.text}"')
     by = _by_vehicle(draft)
     return _long(draft, by) if by else _wide(draft)
-
-
-def _published(draft: Draft, title: str, mapping: CsvMapping) -> Proposal:
-    """The mapping of a published data set, whose column names are the table's."""
-    columns = {column.text: column for column in draft.columns}
-    for name, role, unit in roles_of(mapping):
-        draft.choose(columns[name], role, unit, f"{title}, as published")
-    return draft.finished(mapping)
 
 
 # One row an instant of all vehicles
@@ -92,20 +89,20 @@ def _wide(draft: Draft) -> Proposal:
         speeds, gaps = _in_order_of_gaps(draft)
     if not gaps and speeds:
         positions = _in_order(draft.of("position"), len(speeds) + bool(relative))
-    found = bool(gaps or positions)
-    if not found and not relative and time and time.unit != clocks.FRAME:
-        triple = found_by_values(draft, time, speeds)
+    has_gaps = bool(gaps or positions)
+    if not has_gaps and not relative and time and time.unit != clocks.FRAME:
+        triple = find_by_values(draft, time, speeds)
         if triple:
-            return from_values(draft, time, *triple)
+            return proposal_of_values(draft, time, *triple)
     if not speeds or len(speeds) + bool(relative) < 2:
         draft.undecided.append("Choose the columns with the speeds of leader and follower.")
     count = max(2, len(speeds) + bool(relative))
-    if not found:
+    if not has_gaps:
         followers = [str(k) for k in range(2, count + 1)]
         draft.undecided.append(f"Choose the column with the gap of vehicle {joined(followers)}.")
     mapping = _assembled(draft, count, speeds, relative, gaps, positions)
     mapping = replace(mapping, time=time, sample_time=step, trajectory=trajectory)
-    mapping = with_units(draft, mapping, found and bool(speeds))
+    mapping = with_units(draft, mapping, has_gaps and bool(speeds))
     return draft.finished(replace(mapping, modes=_modes(draft, mapping, speeds)))
 
 
@@ -121,9 +118,9 @@ def _speeds(draft: Draft) -> tuple[list[Column], Column | None]:
 def _in_order(
     columns: Sequence[Column], count: int | None = None, positions: Sequence[Column] = ()
 ) -> list[Column]:
-    """Columns of one quantity in the order of the vehicles; none where nothing says it.
+    """Columns of one quantity in the order of the vehicles; none where the order is open.
 
-    Names say it, or of two vehicles the positions.
+    Names give the order, or the positions where there are two vehicles.
     """
     leaders = [c for c in columns if c.name.whose == LEADER]
     followers = [c for c in columns if c.name.whose == FOLLOWER]
@@ -151,18 +148,19 @@ def _in_order(
 
 
 def _in_order_of_gaps(draft: Draft) -> tuple[list[Column], list[Column]]:
-    """Speeds and gaps of a platoon in which each gap names the two vehicles, the one ahead first.
+    """Speeds and gaps of a platoon in which each gap names its two vehicles, the one ahead first.
 
-    As of "Audi speed", "BMW speed" and "gap Audi-BMW"; none where the names say anything else.
+    An example is "Audi speed", "BMW speed" and "gap Audi-BMW". Both are empty for other names.
     """
     speeds, gaps = draft.of("speed"), draft.of("gap")
     if len(speeds) != len(gaps) + 1 or len(speeds) < 2:
         return [], []
     words = [{*speed.name.parts} for speed in speeds]
-    own = [these.difference(*words[:k], *words[k + 1 :]) for k, these in enumerate(words)]
+    distinctive = [part.difference(*words[:k], *words[k + 1 :]) for k, part in enumerate(words)]
     behind: dict[int, tuple[int, Column]] = {}
     for gap in gaps:
-        named = [k for part in gap.name.parts for k, names in enumerate(own) if part in names]
+        parts = gap.name.parts
+        named = [k for part in parts for k, names in enumerate(distinctive) if part in names]
         pair = list(dict.fromkeys(named))
         if len(pair) != 2 or pair[0] in behind:
             return [], []
@@ -180,15 +178,15 @@ def _in_order_of_gaps(draft: Draft) -> tuple[list[Column], list[Column]]:
 
 
 def _by_positions(columns: Sequence[Column], positions: Sequence[Column]) -> list[Column]:
-    """Two columns, that of the vehicle first whose position is ahead; none where none says it."""
+    """Two columns in the order of their vehicles' positions, the front one first; else none."""
     first, second = ({*column.name.parts} for column in columns)
-    found = []
+    tracks = []
     for words in (first - second, second - first):
         of_vehicle = [p for p in positions if words & {*p.name.parts}]
         if len(of_vehicle) != 1 or of_vehicle[0].numbers is None:
             return []
-        found.append(of_vehicle[0].numbers)
-    ahead = found[0] - found[1]
+        tracks.append(of_vehicle[0].numbers)
+    ahead = tracks[0] - tracks[1]
     if (ahead > 0).all():
         return list(columns)
     return list(reversed(columns)) if (ahead < 0).all() else []
@@ -220,7 +218,7 @@ def _assembled(
     gaps: Sequence[Column],
     positions: Sequence[Column],
 ) -> CsvMapping:
-    """The mapping of chosen columns, in the units that their names say or else the package's."""
+    """The mapping of chosen columns, in the units of their names or else in SI units."""
     columns: list[SpeedColumn] = [SpeedColumn(c.text, c.name.speed_unit or "m/s") for c in speeds]
     if relative:
         columns = _with_relative(draft, speeds[0], relative)
@@ -270,7 +268,7 @@ def _with_relative(draft: Draft, speed: Column, relative: Column) -> list[SpeedC
 
 
 def _by_vehicle(draft: Draft) -> ByVehicle | None:
-    """The columns that tell vehicles apart, where several vehicles have rows of their own."""
+    """The columns that identify vehicles, where a row is one vehicle at one instant."""
     ids = [
         c for c in draft.columns
         if c.name.quantity == "id" and c.varies and c.text not in draft.choices
@@ -328,7 +326,7 @@ def _long(draft: Draft, by: ByVehicle) -> Proposal:
         (SpeedColumn(speed.text, speed.name.speed_unit or "m/s"),), (gap,), time, step,
         trajectory=run.text if run else None, by=by,
     )  # fmt: skip
-    mapping, reason, is_supported = long_units(draft, mapping, columns, rows)
+    mapping, reason, is_supported = units_by_vehicle(draft, mapping, columns, rows)
     for name, role, unit in roles_of(mapping):
         if name and name not in draft.choices:
             column = columns[name]
@@ -346,7 +344,7 @@ def _long(draft: Draft, by: ByVehicle) -> Proposal:
 
 
 def _runs(draft: Draft, time: TimeColumn | None) -> str | None:
-    """The column that tells runs apart, where each begins anew."""
+    """The column that identifies runs, whose rows lie together."""
     for column in draft.columns:
         if column.text in draft.choices or column.name.quantity not in ("run", "id"):
             continue
@@ -358,7 +356,7 @@ def _runs(draft: Draft, time: TimeColumn | None) -> str | None:
 
 
 def _modes(draft: Draft, mapping: CsvMapping, speeds: Sequence[Column]) -> tuple[ModeColumn, ...]:
-    """Columns that say who drives, by their names and words."""
+    """Columns of driver modes, by their names and words."""
     modes = list[ModeColumn]()
     for column in draft.columns:
         if column.text in draft.choices or column.name.quantity != "mode":

@@ -1,9 +1,9 @@
-"""Rows that are missing, or of several rates, as a recording's even rows with empty cells.
+"""Even rows of a recording from tables with missing rows or channels of several rates.
 
-A table whose time leaps by some steps has rows missing: they are inserted empty, and all that
-handles empty cells handles them. A table whose channels are written at rates of their own has empty
-cells between a channel's values all the time: the slowest channel's instants stay, and the others
-are interpolated there linearly, never across more than `LONGEST_PART` of their own steps.
+A table whose time leaps by some steps has rows missing: they are inserted empty, so that they are
+handled as empty cells are. A table whose channels are written at different rates has empty cells
+between a channel's values: the slowest channel's instants stay, and the others are interpolated
+there linearly, never across more than `LONGEST_PART` of their own steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from accpinn.recordings import (
     Window,
     listed,
 )
-from accpinn.recordings.consistency import JUMP
+from accpinn.recordings.increments import JUMP
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 Refuse = Callable[[str, str, int], RecordingError]
@@ -37,7 +37,7 @@ LEAP = 1.5, 3.0
 EVEN_STEP = 0.02
 """Largest relative deviation of steps from the typical one that are even."""
 OF_ITS_OWN = 1.5
-"""Ratio of a channel's step to that of the rows from which on it has a rate of its own."""
+"""Least ratio of a channel's step to that of the rows at which the channel has another rate."""
 LOST_LEAP = 8.0
 """Least leap to the value of a lost target, in medians of the gap's other changes."""
 LONGEST_PART = 2.5
@@ -73,8 +73,8 @@ class RatesMerged(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         slow, fast = f"{self.slowest:.3g} s", f"{self.fastest:.3g}"
-        each = f"steps of {fast} to {slow}" if slow != f"{fast} s" else f"each every {slow}"
-        return {"steps": each}
+        steps = f"steps of {fast} to {slow}" if slow != f"{fast} s" else f"each every {slow}"
+        return {"steps": steps}
 
 
 class TargetLost(Finding, frozen=True):
@@ -88,7 +88,7 @@ class TargetLost(Finding, frozen=True):
     vehicle: int
     """The vehicle ahead."""
     value: float
-    """What the sensor writes without a vehicle ahead, in m."""
+    """Value that the sensor writes without a vehicle ahead, in m."""
     samples: int
     share: float
     """Share of the recording's samples, 0 to 1."""
@@ -126,12 +126,12 @@ def without_lost_targets(
             [changes[k] > limit for k in (run.first - 1, run.last) if 0 <= k < len(changes)]
             for run in runs
         ]
-        if not any(len(both) == 2 and all(both) for both in leaps):
+        if not any(len(ends) == 2 and all(ends) for ends in leaps):
             continue
-        for run, both in zip(runs, leaps, strict=True):
+        for run, ends in zip(runs, leaps, strict=True):
             rows = at[run.rows]
             is_moving = bool((np.nan_to_num(speed[rows]) > MOVING).any())
-            if all(both) and is_moving and time[rows[-1]] - time[rows[0]] >= FROZEN:
+            if all(ends) and is_moving and time[rows[-1]] - time[rows[0]] >= FROZEN:
                 is_lost[rows] = True
         if is_lost.any():
             windows = tuple(
@@ -161,23 +161,23 @@ def merged(
     step = float(np.median(np.diff(time)))
     filled: Mask = np.isfinite(channels)
     typical = np.array([
-        np.median(np.diff(time[known])) if known.sum() > 2 else step for known in filled.T
+        np.median(np.diff(time[rows])) if rows.sum() > 2 else step for rows in filled.T
     ])  # fmt: skip
     if not (typical > OF_ITS_OWN * step).any():
         return time, channels, None
     slowest = int(typical.argmax())
-    kept: Mask = filled[:, slowest]
-    instants = time[kept]
+    instants = time[filled[:, slowest]]
     values = np.column_stack([
-        _interpolated(instants, time[known], series[known], LONGEST_PART * own)
-        for series, known, own in zip(channels.T, filled.T, typical, strict=True)
+        _interpolated(instants, time[rows], series[rows], LONGEST_PART * channel_step)
+        for series, rows, channel_step in zip(channels.T, filled.T, typical, strict=True)
     ])  # fmt: skip
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if len(known) < 2:
+    complete = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(complete) < 2:
         return time, channels, None
-    inside = slice(known[0], known[-1] + 1)  # before and after, some channels have no value yet
-    what = RatesMerged(float(typical.min()), float(typical[slowest]), columns[slowest])
-    return instants[inside] - instants[known[0]], values[inside], what
+    # Before and after, some channels have no value yet.
+    inside = slice(complete[0], complete[-1] + 1)
+    finding = RatesMerged(float(typical.min()), float(typical[slowest]), columns[slowest])
+    return instants[inside] - instants[complete[0]], values[inside], finding
 
 
 def _interpolated(
@@ -192,18 +192,18 @@ def _interpolated(
 
 
 def shifted(time: FloatArray, channel: FloatArray, seconds: Seconds) -> FloatArray:
-    """A channel (N,) whose clock is wrong: the value that was written at t holds at t + seconds."""
+    """A channel (N,) with its clock corrected: the value written at t is moved to t + seconds."""
     if not seconds:
         return channel
-    known = np.isfinite(channel)
+    is_filled = np.isfinite(channel)
     step = float(np.median(np.diff(time)))
-    return _interpolated(time, time[known] + seconds, channel[known], LONGEST_PART * step)
+    return _interpolated(time, time[is_filled] + seconds, channel[is_filled], LONGEST_PART * step)
 
 
 def with_missing_rows(
     time: FloatArray, refuse: Refuse
 ) -> tuple[FloatArray, NDArray[np.int64], tuple[Finding, ...]]:
-    """The time with the instants of the rows that are missing.
+    """The time with the instants of missing rows inserted.
 
     Args:
         time: (N,) in s, increasing from 0.
@@ -251,7 +251,7 @@ def recording_of(
     findings: Sequence[Finding],
     **about: Any,
 ) -> Recording:
-    """The recording of a table's rows, those that are missing inserted empty.
+    """The recording of a table's rows, with missing rows inserted empty.
 
     Args:
         time: (N,) in s, increasing from 0.

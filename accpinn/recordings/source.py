@@ -1,4 +1,4 @@
-"""The bytes of a recording's file, from a path or an upload; what holds no text is refused."""
+"""The bytes of a recording's file, from a path or an upload; files without text are refused."""
 
 import hashlib
 import io
@@ -87,7 +87,7 @@ class SourceFile:
         return self.text.endswith((b"\n", b"\r"))
 
     def lines(self, limit: int | None = None) -> TextIO:
-        """The rows of the first bytes as texts, whatever their ends, without blank last ones."""
+        """The rows of the first bytes as texts with any line end, without blank rows at the end."""
         text = io.BytesIO(self.text[:limit].rstrip())
         return io.TextIOWrapper(text, self.encoding, "replace")
 
@@ -107,7 +107,7 @@ def excerpt(text: str, length: int = 30) -> str:
 
 
 def read_bytes(source: Source, name: str | None) -> SourceFile:
-    """Read a file that holds text of a bearable size; by default its path names it.
+    """Read a file of text up to `LIMIT_BYTES`; by default its path names it.
 
     Raises:
         RecordingError: when the file cannot be read, is too large or is no text.

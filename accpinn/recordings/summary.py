@@ -6,17 +6,17 @@ if TYPE_CHECKING:
     from accpinn.recordings import Recording
 
 VEHICLES, FINDINGS = 6, 3
-"""Vehicles and findings that are listed; of more the number is told."""
+"""Most vehicles and findings that are listed; further ones are counted."""
 
 
 def summary(recording: "Recording") -> str:
-    """What the file is, each vehicle with its missing samples and driver, findings, what to do."""
+    """Facts of the file, vehicles with missing samples and driver, findings, where more is."""
     setting = recording.distance_setting
-    known = (recording.campaign, recording.date, setting and f"distance setting {setting}")
-    told = "".join(f", {part}" for part in known if part)
+    facts = (recording.campaign, recording.date, setting and f"distance setting {setting}")
+    known_facts = "".join(f", {part}" for part in facts if part)
     lines = [
-        f"Recording: {recording.source}{told}; {recording.duration:g} s in {recording.samples:,}"
-        f" samples of {recording.sample_time:g} s"
+        f"Recording: {recording.source}{known_facts}; {recording.duration:g} s in"
+        f" {recording.samples:,} samples of {recording.sample_time:g} s"
     ]
     for vehicle in recording.vehicles[:VEHICLES]:
         modes = vehicle.modes or {}

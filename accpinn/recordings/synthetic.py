@@ -1,6 +1,6 @@
 """Synthetic recordings in OpenACC's format, whose true parameters are known: `sample_data`.
 
-A leader drives a seeded profile of our own making. Its followers obey the CTHP exactly, with
+A leader drives a seeded random profile. Its followers obey the CTHP exactly, with
 parameters published in Apostolakis and Ampountolas (IEEE TVT 2024, sections V.C and V.D, Table
 III), or the CTHP with an intercept s₀ and a delay, with parameters as ACC cars have. What is
 written is what receivers would have recorded of it (see `Noise`).
@@ -83,7 +83,7 @@ class LeaderProfile:
 
 @dataclass(frozen=True)
 class Truth:
-    """What determines a synthetic recording; a truth file holds it as JSON."""
+    """Everything that determines a synthetic recording; a truth file holds it as JSON."""
 
     description: str
     vehicles: tuple[str, ...]
@@ -160,10 +160,10 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
     """The motion as receivers record it, every `SAMPLE_TIME`; exact where there is no noise."""
     from scipy.interpolate import CubicSpline  # takes a second to import, which few need
 
-    kept = slice(None, None, round(SAMPLE_TIME / SIMULATION_STEP))
-    time = true.time[kept]
+    sampled = slice(None, None, round(SAMPLE_TIME / SIMULATION_STEP))
+    time = true.time[sampled]
     if noise is None:
-        return Trajectories(time, true.speeds[kept], true.gaps[kept])
+        return Trajectories(time, true.speeds[sampled], true.gaps[sampled])
     reported = slice(None, None, round(REPORT_TIME / SIMULATION_STEP))
     reports = true.time[reported]
     # Apart from the leader's draws, so that the noise may change while the motion stays.
@@ -185,10 +185,10 @@ def gauss_markov(
     """
     from scipy.signal import lfilter  # takes a second to import, which few need
 
-    kept = np.exp(-step / memory)
+    correlation = np.exp(-step / memory)
     steps = rng.standard_normal(shape)
-    steps[1:] *= np.sqrt(1 - kept**2)
-    return np.asarray(lfilter([1.0], [1.0, -kept], steps, axis=0))
+    steps[1:] *= np.sqrt(1 - correlation**2)
+    return np.asarray(lfilter([1.0], [1.0, -correlation], steps, axis=0))
 
 
 def to_csv(truth: Truth, recorded: Trajectories) -> bytes:

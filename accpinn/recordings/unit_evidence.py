@@ -1,4 +1,4 @@
-"""What the data of a table say of its columns: their units, and which are speeds and gap.
+"""Evidence of a table's data for its units, and for which columns are speeds and gap.
 
 In the right units, and for the right three columns,
 
@@ -15,7 +15,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from accpinn.findings import joined
-from accpinn.recordings import MOVING, clocks, consistency
+from accpinn.recordings import MOVING, clocks
+from accpinn.recordings.consistency import Slope, slope_of
+from accpinn.recordings.cures import slope_tolerance
 from accpinn.recordings.draft import Column, Draft, Proposal, roles_of, seconds_of
 from accpinn.recordings.mapping import (
     CsvMapping,
@@ -29,11 +31,11 @@ from accpinn.units import GAP_UNITS, SPEED_UNITS, FloatArray, Mask, Seconds
 MOST_TRIED = 8
 """Columns among which speeds and gap are sought by their values alone."""
 USUAL_TIME_GAP: tuple[Seconds, Seconds] = (0.75, 3.0)
-"""Time gaps in following that support units which nothing else tells."""
+"""Usual time gaps in following, in s, which support units without other evidence."""
 SURE = 0.9
-"""Least correlation of a gap's changes with those that two speeds demand, to tell all three."""
+"""Least correlation of a gap's changes with those that two speeds demand, to take all three."""
 UNNAMED_SPEEDS = {False: ("m/s", "km/h", "mph"), True: ("ft/s", "mph")}
-"""Units of speeds that nobody names, beside gaps in m, and beside gaps in ft."""
+"""Units tried for speeds without one, beside gaps in m and beside gaps in ft."""
 FITS = 0.12
 """Largest relative deviation of the slope from 1 in units that the data support."""
 
@@ -53,7 +55,9 @@ def with_units(draft: Draft, mapping: CsvMapping, is_complete: bool) -> CsvMappi
             continue
         column = columns[name]
         by_name = "the row of units says so" if column.name.unit_cell else "the name says so"
-        why = f"named {_named(column)}; {unit}: {reason if name in unnamed else by_name}"
+        whose = f" of the {column.name.whose}" if column.name.whose else ""
+        named = f"named {column.name.quantity or 'so'}{whose}"
+        why = f"{named}; {unit}: {reason if name in unnamed else by_name}"
         draft.choose(column, role, unit, why, is_supported or name not in unnamed)
     if unnamed and is_complete and not is_supported:
         listed = joined([f'"{name}"' for name in unnamed])
@@ -61,19 +65,13 @@ def with_units(draft: Draft, mapping: CsvMapping, is_complete: bool) -> CsvMappi
     return mapping
 
 
-def _named(column: Column) -> str:
-    """What the name says the column is."""
-    whose = f" of the {column.name.whose}" if column.name.whose else ""
-    return f"{column.name.quantity or 'so'}{whose}"
-
-
 def _units_of_data(
     draft: Draft, mapping: CsvMapping, unnamed: Sequence[str]
 ) -> tuple[CsvMapping, str, bool]:
     """The mapping in the units in which the gaps change as the speeds demand.
 
-    Only the ``unnamed`` columns may change theirs. Returns the reason as well, and whether the data
-    determine the units.
+    Only the units of ``unnamed`` columns may change. Returns the reason as well, and whether the
+    data determine the units.
     """
     speeds = [s.column for s in mapping.speeds if s.column in unnamed]
     gaps = [g.column for g in mapping.gaps if g.column in unnamed]
@@ -91,8 +89,7 @@ def _units_of_data(
             candidates.append((float(abs(np.log(slope * factor))), speed_unit, gap_unit))
     distance, speed_unit, gap_unit = min(candidates)
     # Speeds whose header is wrong make gaps in m look like some in ft, but never quite.
-    error = slopes[0].error / slope
-    close = max(consistency.SLOPE_TOLERANCE, consistency.SURE * error)
+    close = slope_tolerance(slopes[0].error / slope)
     if distance > np.log1p(FITS if gap_unit in ("", "m") else min(FITS, close)):
         return mapping, f"the gap changes {slope:.2f} times as fast as the speeds demand", False
     others = [
@@ -107,7 +104,7 @@ def _units_of_data(
         ),
         gaps=tuple(replace(g, unit=gap_unit) if g.column in gaps else g for g in mapping.gaps),
     )
-    reason = "the gap changes as the speeds demand"
+    reason = "the gap changes as fast as the speeds demand"
     if others:
         reason = f"{joined([speed_unit or gap_unit, *others])} fit the gap's changes"
     return mapping, reason, not others
@@ -142,9 +139,10 @@ def _unit_by_way(
 
 
 def _usual_time_gap(draft: Draft, mapping: CsvMapping) -> tuple[str, bool]:
-    """Whether the time gap is a usual one in the mapping's units, where the slope says nothing.
+    """The reason why units are supported by a usual time gap, and whether they are.
 
-    Speeds in km/h, mph, ft/s or knots taken as m/s make it a half or less.
+    The slope determines nothing here. Speeds in km/h, mph, ft/s or knots taken as m/s make the time
+    gap a half or less.
     """
     columns = {column.text: column for column in draft.columns}
     speed = _speed(columns, mapping, len(mapping.speeds))
@@ -161,8 +159,8 @@ def _usual_time_gap(draft: Draft, mapping: CsvMapping) -> tuple[str, bool]:
     return reason, least <= time_gap <= most
 
 
-def _slopes(draft: Draft, mapping: CsvMapping) -> list[consistency.Slope]:
-    """How fast each gap changes as compared with the speeds, as the mapping has them."""
+def _slopes(draft: Draft, mapping: CsvMapping) -> list[Slope]:
+    """The slope of each gap in the mapping's units, the best determined first."""
     columns = {column.text: column for column in draft.columns}
     time = seconds_of(draft, mapping.time)
     if time is None:
@@ -173,7 +171,7 @@ def _slopes(draft: Draft, mapping: CsvMapping) -> list[consistency.Slope]:
         values = _gap(columns, gap)
         if ahead is None or behind is None or values is None:
             continue
-        slope = consistency.slope_of(time, ahead, behind, values)
+        slope = slope_of(time, ahead, behind, values)
         if slope:
             slopes.append(slope)
     return sorted(slopes, key=lambda slope: slope.error)
@@ -183,8 +181,8 @@ def _gap(columns: dict[str, Column], gap: GapColumn) -> FloatArray | None:
     """A gap, or difference of positions, in m; None where cells are no numbers."""
     values = columns[gap.column].numbers
     if gap.minus and values is not None:
-        own = columns[gap.minus].numbers
-        values = None if own is None else values - own
+        behind = columns[gap.minus].numbers
+        values = None if behind is None else values - behind
     return None if values is None else values * GAP_UNITS[gap.unit]
 
 
@@ -200,10 +198,10 @@ def _speed(columns: dict[str, Column], mapping: CsvMapping, vehicle: int) -> Flo
     return values
 
 
-def found_by_values(
+def find_by_values(
     draft: Draft, time: TimeColumn, speeds: Sequence[Column]
 ) -> tuple[Column, Column, Column, str, float] | None:
-    """Two speeds and a gap whose rate of change is their difference, and its slope.
+    """Find two speeds and a gap whose rate of change is their difference.
 
     Returns:
         Columns of the speed ahead, the speed behind and the gap, the unit of the speeds, and the
@@ -235,7 +233,7 @@ def found_by_values(
 
 
 def _may_be_any(column: Column) -> bool:
-    """Whether a name leaves open what a column holds, or says a speed or gap; "v_p" is no more."""
+    """Whether a column may be a speed or gap by its name; a symbol as "v_p" excludes nothing."""
     quantity = column.name.quantity
     return quantity in ("", "speed", "gap") or (quantity == "position" and column.name.is_symbol)
 
@@ -247,23 +245,23 @@ def _agreement(
 
     Of a recording too short for a slope with an error the gap itself is compared with the integral.
     """
-    slope = consistency.slope_of(time, ahead, behind, gap)
+    slope = slope_of(time, ahead, behind, gap)
     if slope:
         return (slope.middle, slope.correlation) if slope.middle > 0 else None
     difference = ahead - behind
     driven = np.concatenate(
         ([0.0], np.cumsum((difference[1:] + difference[:-1]) / 2 * np.diff(time)))
     )
-    known = np.isfinite(driven) & np.isfinite(gap)
-    if known.sum() < MINIMUM_SAMPLES or not driven[known].std() or not gap[known].std():
+    is_known = np.isfinite(driven) & np.isfinite(gap)
+    if is_known.sum() < MINIMUM_SAMPLES or not driven[is_known].std() or not gap[is_known].std():
         return None
-    correlation = float(np.corrcoef(driven[known], gap[known])[0, 1])
-    if correlation <= 0 or gap[known].min() <= 0:
+    correlation = float(np.corrcoef(driven[is_known], gap[is_known])[0, 1])
+    if correlation <= 0 or gap[is_known].min() <= 0:
         return None
-    return float(gap[known].std() / driven[known].std()), correlation
+    return float(gap[is_known].std() / driven[is_known].std()), correlation
 
 
-def from_values(
+def proposal_of_values(
     draft: Draft,
     time: TimeColumn,
     ahead: Column,
@@ -285,10 +283,10 @@ def from_values(
     return draft.finished(mapping)
 
 
-def long_units(
+def units_by_vehicle(
     draft: Draft, mapping: CsvMapping, columns: dict[str, Column], rows: Mask
 ) -> tuple[CsvMapping, str, bool]:
-    """The mapping in the units in which a vehicle's position changes as its speed says."""
+    """The mapping in the units in which a vehicle's position changes by its speed."""
     speed, gap = mapping.speeds[0], mapping.gaps[0]
     is_named = columns[speed.column].name.speed_unit
     position = columns[gap.column].numbers if gap.minus else None

@@ -1,12 +1,13 @@
 """A batch of estimations in sentences and tables: its groups, its progress and its failures."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, replace
+from datetime import date
 from math import isnan
 from typing import TYPE_CHECKING
 
-from accpinn.findings import joined, percent, probability
+from accpinn.findings import capital, joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.results.description import EXTRAPOLATED, Value
@@ -17,39 +18,69 @@ from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
+from accpinn.study.supplied import About
 from accpinn.units import Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TYPICAL = (
-    "Typical values rest on every window's posterior: first over the windows of a vehicle, then"
-    " over the vehicles of a group. How much these differ is estimated, too."
+    "Typical value of each group with its interval: of its one vehicle, or of all such vehicles"
+    " where it has several. It rests on every window's posterior: first over the windows of a"
+    " vehicle, then over the vehicles of a group. How much these differ is estimated, too. Thin"
+    " line: the time gap in a further window; arrowhead: the interval goes on; larger dot: more"
+    " windows. ✓: stable with a probability above 95 %, ✗: below 5 %, ?: between."
 )
-"""What the values of groups are."""
+"""What the picture of groups shows."""
+OPENACC = (
+    "OpenACC. An open database of car-following experiments to study the properties of commercial"
+    " ACC systems, © European Union, 1995–2025, European Commission, Joint Research Centre, CC BY"
+    " 4.0 (creativecommons.org/licenses/by/4.0), DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F;"
+    " M. Makridis, K. Mattas, A. Anesiadou, B. Ciuffo, Transportation Research Part C 125, 103047,"
+    " 2021. What was changed: parameters were estimated from windows of the recordings; no recorded"
+    " series is contained."
+)
+"""How the recordings of the supplied study are to be named."""
 
 
 def headline(whole: Group) -> str:
-    """The share of vehicles that are string stable, of all rows that are shown."""
+    """The number of vehicles that are string stable, of all rows that are shown."""
     share, count = whole.l2_stable, len(whole.cars)
     if not math.isfinite(share.value):
         return "Nothing is known of string stability."
     if count == 1:
         return f"L₂ string stable with a probability of {probability(share.value)}."
-    low, high = (f"{100 * part:.0f}" for part in (share.lower, share.upper))
     stable = round(share.value * count)
+    verb = "is" if stable < 2 else "are"
+    return f"{stable or 'None'} of the {count} vehicles {verb} L₂ string stable."
+
+
+def further_vehicles(whole: Group) -> str:
+    """The share among further vehicles that are string stable; empty for one vehicle."""
+    share = whole.l2_stable
+    if len(whole.cars) < 2 or not math.isfinite(share.value):
+        return ""
+    low, high = (f"{100 * part:.0f}" for part in (share.lower, share.upper))
     return (
-        f"{stable or 'None'} of the {count} vehicles {'is' if stable < 2 else 'are'} L₂ string"
-        f" stable. Share among further vehicles of these makes: {low} to {high} %"
-        f" ({percent(whole.level)} interval)."
+        f"Share among further vehicles of these makes: {low} to {high} % ({percent(whole.level)}"
+        " interval)."
     )
 
 
 def extent(whole: Group, makes: int, recordings: int) -> str:
     """The number of windows, vehicles, makes and recordings that are shown."""
     return (
-        f"{counted(whole.windows, 'follower window')} of {counted(whole.vehicles, 'vehicle')},"
-        f" {counted(makes, 'make')}, in {counted(recordings, 'recording')} with windows."
+        f"{counted(whole.windows, 'follower window')}, {counted(whole.vehicles, 'vehicle')},"
+        f" {counted(makes, 'make')}, {counted(recordings, 'recording')}"
+    )
+
+
+def supplied_line(about: About) -> str:
+    """Where the study that comes with the program is from."""
+    day = date.fromisoformat(about.date)
+    return (
+        f"Supplied study of {day.day} {day:%B %Y}, accpinn {about.version}. Data: OpenACC,"
+        " © European Union, CC BY 4.0."
     )
 
 
@@ -60,8 +91,8 @@ def typical_line(whole: Group) -> str:
     if not math.isfinite(gap.value):
         return ""
     return (
-        f"Typical time gap at {speed * 3.6:.0f} km/h: {gap.value:.2f} s"
-        f" ({between(gap.lower, gap.upper, 2)} s)."
+        f"typical time gap at {speed * 3.6:.0f} km/h {gap.value:.2f} s"
+        f" ({between(gap.lower, gap.upper, 2)} s)"
     )
 
 
@@ -69,8 +100,8 @@ def batch_line(request: Request | None) -> str:
     """The settings that all rows of a batch share; empty where they are not known."""
     if request is None:
         return ""
-    length = f"of up to {request.window:g} s" if request.window else "of any length"
-    return f"Windows {length}, Case {request.case}, model {TITLES[request.model]}."
+    length = f"windows up to {request.window:g} s" if request.window else "whole stretches"
+    return f"{TITLES[request.model]}, {length}, Case {request.case}"
 
 
 def failures_line(failures: Sequence[Failure]) -> str:
@@ -79,7 +110,7 @@ def failures_line(failures: Sequence[Failure]) -> str:
     estimates = sum(failure.start is not None for failure in failures)
     parts = [f"{counted(files, 'file')} without a window"] if files else []
     parts += [f"{counted(estimates, 'estimate')} failed"] if estimates else []
-    return f"{' and '.join(parts)}; the tab Failures says why." if parts else ""
+    return " and ".join(parts)
 
 
 def progress_line(now: BatchProgress) -> str:
@@ -128,6 +159,7 @@ _NAMED = ("Make", "Model", "Setting", "Campaign", "Mode", "Vehicle", "File", "Da
 HEADINGS = dict(zip(GROUPABLE, _NAMED, strict=True))
 FASTEST = SPEEDS[-1]
 GAP = "Time gap"
+GROWTH = Column("Largest growth", digits=2, key="growth")
 NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
 """Parameters in a table of 100 characters, with their decimals; else a model's first three."""
 
@@ -139,34 +171,69 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
-    gaps = {
-        at: [cell_of(Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at)))) for g in groups]
-        for at in SPEEDS
-    }
     if not is_wide:
         digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
             *(filled for filled in _heads(grouped) if filled[0].title != "Vehicles"),
-            (Column("Time gap", "s", 2), gaps[FASTEST]),
+            (Column("Time gap", "s", 2), next(_gaps(grouped))[1]),
             *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
               for name, count in digits.items()),
             (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
         at = gap_column(FASTEST, title="time gap at").title
         return Table.of(f"{caption}; {at}; L₂: stable", columns)
-    further = gap_column(FASTEST, GAP, "Further window, at", key="further_window_")
     columns = [
         *_heads(grouped),
-        *((gap_column(speed, GAP, "at"), gaps[speed]) for speed in (FASTEST, SPEEDS[0])),
-        (further, [Range(*astuple(group.time_gap(FASTEST))[3:]) for group in groups]),
-        (Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s"),
-         [group.mean_time_gap.value for group in groups]),
+        *_gaps(grouped),
+        (GROWTH, [group.growth for group in groups]),
         *((column, [group.span(name) for group in groups])
           for name, column in own.items()),
-        (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
-        (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
+        *_stable(groups),
     ]  # fmt: skip
     return Table.of(caption, columns)
+
+
+def _gaps(grouped: Groups) -> Iterator[Filled]:
+    """The columns of the time gaps at speeds, in a further window, and as measured."""
+    groups = grouped.groups
+    for at in (FASTEST, SPEEDS[0]):
+        spans = [Value(g.time_gap(at), EXTRAPOLATED * (not g.is_driven(at))) for g in groups]
+        yield gap_column(at, GAP, "at"), [cell_of(span) for span in spans]
+    further = gap_column(FASTEST, GAP, "Further window, at", key="further_window_")
+    yield further, [Range(*astuple(group.time_gap(FASTEST))[3:]) for group in groups]
+    measured = Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s")
+    yield measured, [group.mean_time_gap.value for group in groups]
+
+
+def _stable(groups: Sequence[Group]) -> Iterator[Filled]:
+    """The columns of string stability."""
+    yield Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]
+    yield Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]
+
+
+def ranking_table(grouped: Groups) -> Table:
+    """One row a group in the order of `Groups.ranked`: time gaps, growth and string stability."""
+    ranked = grouped.ranked(FASTEST)
+    caption = (
+        f"Typical value ({100 * grouped.level:g} % interval), by time gap at"
+        f" {3.6 * FASTEST:.0f} km/h, measured before extrapolated"
+    )
+    growth: Filled = (GROWTH, [group.growth for group in ranked.groups])
+    return Table.of(
+        caption,
+        [_labels(ranked), *_gaps(ranked), growth, *_stable(ranked.groups), *_counts(ranked)],
+    )
+
+
+def group_parameters_table(grouped: Groups) -> Table:
+    """One row a group in the same order: the parameters of the model."""
+    ranked = grouped.ranked(FASTEST)
+    columns = [
+        (column, [group.span(name) for group in ranked.groups])
+        for name, column in columns_of(grouped.model).items()
+    ]
+    caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
+    return Table.of(caption, [_labels(ranked), *columns, *_counts(ranked)])
 
 
 def spread_table(grouped: Groups) -> Table:
@@ -207,11 +274,24 @@ def _heads(grouped: Groups) -> list[Filled]:
         (Column(HEADINGS[name]), [group.values[k] or ABSENT for group in groups])
         for k, name in enumerate(grouped.by)
     ]
-    return [
-        *(names or [(Column("Group"), ["all"] * len(groups))]),
-        (Column("Windows", digits=0), [float(group.windows) for group in groups]),
-        (Column("Vehicles", digits=0), [float(group.vehicles) for group in groups]),
-    ]
+    return [*(names or [(Column("Group"), ["all"] * len(groups))]), *_counts(grouped)]
+
+
+def _counts(grouped: Groups) -> Iterator[Filled]:
+    """How much each group has."""
+    yield Column("Windows", digits=0), [float(group.windows) for group in grouped.groups]
+    yield Column("Vehicles", digits=0), [float(group.vehicles) for group in grouped.groups]
+
+
+def _labels(grouped: Groups) -> Filled:
+    """What names each group, in one column."""
+    title = ", ".join(HEADINGS[name].lower() for name in grouped.by)
+    return Column(capital(title) or "Group"), [label_of(g.values) for g in grouped.groups]
+
+
+def label_of(values: Sequence[str]) -> str:
+    """What a group is called."""
+    return " · ".join(value or ABSENT for value in values) or "all"
 
 
 def _share(share: Quantity, group: Group) -> Cell:

@@ -20,7 +20,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.recordings import ValuesOutOfRange
-from accpinn.recordings.consistency import GapComputed, Inconsistency
+from accpinn.recordings.inconsistency import GapComputed, Inconsistency
 from accpinn.results.vehicles import (
     KnownVehicles,
     Objection,
@@ -34,8 +34,6 @@ from accpinn.units import FloatArray, MetresPerSecond, Quantity
 
 P = ParamSpec("P")
 T = TypeVar("T")
-PAPERS_PRESETS = ("fast", "paper")
-"""Presets that minimise the paper's loss."""
 PAPERS_POINT = "the paper's estimate: a point, biased where disturbances last"
 POINT = "a point, without intervals"
 FIXED, UNDETERMINED = "fixed", "not determined"
@@ -63,7 +61,7 @@ class Row:
     number: int
     """In the file; 0 for all."""
     places: Sequence[int]
-    """Of these followers, 0 for the first."""
+    """Places of these followers, 0 for the first."""
     known: Known
     windows: tuple[Known, ...]
     """(K,) what each window alone says; empty where the method does not estimate that."""
@@ -273,5 +271,6 @@ def about_point(estimate: Estimate) -> str:
     """What an estimate without a posterior is, in a few words; empty for one with a posterior."""
     if estimate.posterior:
         return ""
-    is_papers = estimate.method == "pinn" and estimate.settings.get("preset") in PAPERS_PRESETS
+    method = METHODS.get(estimate.method)
+    is_papers = method is not None and method.minimises_papers_loss(estimate.settings)
     return PAPERS_POINT if is_papers and estimate.model == PAPER else POINT

@@ -139,7 +139,7 @@ def _type(
 ) -> ElementTree.Element:
     alpha, beta, tau, s0, lag, delay = parameters.complete.tolist()
     if _is_idm(model):
-        name, values = "IDM", zip(IDM.names, parameters.own.tolist(), strict=False)
+        name, values = "IDM", zip(IDM.names, parameters.nonlinear.tolist(), strict=False)
         own = {key: f"{value:.12g}" for key, value in values}
         settings = {SUMO_IDM[key]: value for key, value in own.items() if key in SUMO_IDM}
         settings |= {"emergencyDecel": str(max(10.0, float(own["b"]))), "speedDev": "0"}

@@ -41,9 +41,6 @@ def _moment(now: Progress) -> Iterator[str]:
     """Time left, log likelihood or loss, and the first parameters."""
     if now.left is not None:
         yield f"{tqdm.format_interval(now.left)} left"
-    elif now.iteration:  # a search ends before its last iteration once it has converged
-        left = now.seconds / now.iteration * (now.iterations - now.iteration)
-        yield f"at most {tqdm.format_interval(left)} left"
     is_loss = isfinite(now.total)
     yield f"loss {now.total:.3g}" if is_loss else f"log likelihood {now.log_likelihood:.1f}"
     first = now.parameters[0]

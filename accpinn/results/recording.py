@@ -5,15 +5,18 @@ regimes.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isinf, isnan
 
 import numpy as np
 
 from accpinn.findings import joined, percent
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window
-from accpinn.recordings.consistency import Cure, Exchange, ReadSpeedAs, Reverse, Shift, agreement
-from accpinn.recordings.mapping import CsvMapping, taken_as
-from accpinn.results.tables import Cell, Column, Table, percent_cells
+from accpinn.recordings.cures import Cure, Exchange, ReadSpeedAs, Reverse, Shift
+from accpinn.recordings.increments import agreement
+from accpinn.recordings.mapping import CsvMapping, units_taken
+from accpinn.results.tables import ABSENT, Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
@@ -25,24 +28,28 @@ from accpinn.segment.quality import (
     Grade,
     Quality,
     Question,
+    Rating,
     Regimes,
 )
 from accpinn.segment.suggestion import Suggestion
 
 GRADED: Mapping[Question, Sequence[str]] = {
-    "complete": ("Samples complete", "Samples bridged", "Samples missing"),
+    "complete": ("Samples complete", "Samples measured", "Samples measured"),
     "excited": ("Excitation sufficient", "Excitation small", "Excitation insufficient"),
     "following": ("Car-following", "Not only car-following", "Little car-following"),
-    "driver": ("Driven by ACC", "Not ACC throughout", "Driven by hand", "Driver not recorded"),
+    "driver": ("Driven by ACC", "Driven by ACC", "Driven by ACC", "Driver not recorded"),
     "consistent": ("Gaps consistent with speeds", "Gaps computed from speeds",
                    "Gaps contradict speeds", "Consistency not known"),
 }  # fmt: skip
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
 }
-"""Label of each grade, from good to not known."""
+"""Label of each grade, from good to not known; it says what is counted, the mark how good it is."""
 MEANING: Mapping[Question, str] = {
-    "complete": "Whether every speed and gap of the window was measured.",
+    "complete": (
+        "The share of instants at which every speed and gap was measured: not missing, not bridged,"
+        " and not frozen, which is the same value again and again while the vehicle moves."
+    ),
     "excited": (
         "Whether the vehicles accelerate and brake enough to identify α, β and τ. A condition"
         f" number above {LARGE_CONDITION:.0f} means near equilibrium."
@@ -59,6 +66,75 @@ MEANING: Mapping[Question, str] = {
     ),
 }
 """Meaning of each question."""
+FIGURES: Mapping[Question, Column] = {
+    "complete": Column("Samples measured", "%", 1),
+    "excited": Column("Condition number", "", 0),
+    "following": Column("Car-following", "%", 0),
+    "driver": Column("Driven by ACC", "%", 0),
+    "consistent": Column("Gap correlation", "", 2),
+}
+"""What the answer to each question counts; of several followers that of the worst."""
+
+
+@dataclass(frozen=True)
+class RatedWindow:
+    """A window that can be trained on, and what it is worth."""
+
+    number: int
+    """Its place among the windows, from 1."""
+    window: Window
+    is_used: bool
+    """Whether the next training takes it."""
+    ratings: tuple[Rating, ...] = ()
+    """Empty where it cannot be used."""
+    fault: str = ""
+    """Why it cannot be used."""
+
+    @property
+    def grade(self) -> Grade:
+        """The worst that is known of it."""
+        if not self.ratings:
+            return Grade.POOR
+        known = [Grade.GOOD, Grade.FAIR, Grade.POOR]
+        grades = [rating.grade for rating in self.ratings if rating.grade in known]
+        return max(grades, key=known.index, default=Grade.UNKNOWN)
+
+
+def figure_of(rating: Rating) -> str:
+    """What an answer counts, with its unit, as "98.3 %"."""
+    column, value = FIGURES[rating.question], rating.figure
+    if isnan(value):
+        return ABSENT
+    if column.unit != "%":
+        return "∞" if isinf(value) else column.shown(value)
+    # Only what is whole is 100 %.
+    digits = 10.0 ** (column.digits or 0)
+    shown = 100 * value if value >= 1.0 else min(100 * value, 100.0 - 1.0 / digits)
+    return f"{column.shown(shown)} %"
+
+
+def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
+    """One row a window: its length, what each check counts in it, and whether it is used."""
+    figures = [
+        (column, [_figure(row, place, column) for row in rows])
+        for place, column in enumerate(FIGURES.values())
+    ]
+    return Table.of(
+        f"{source}: windows",
+        [
+            (Column("Window"), [str(row.window) for row in rows]),
+            (Column("Length", "s", 0), [row.window.duration for row in rows]),
+            *figures,
+            (Column("In the training"), ["yes" if row.is_used else "no" for row in rows]),
+        ],
+    )
+
+
+def _figure(row: RatedWindow, place: int, column: Column) -> Cell:
+    if not row.ratings:
+        return None
+    value = row.ratings[place].figure
+    return 100 * value if column.unit == "%" else value
 
 
 def driver_summary(recording: Recording) -> str:
@@ -94,7 +170,7 @@ def cure_words(cure: Cure, mapping: CsvMapping, vehicle: int) -> str:
         return f"Shift {cure.channel}{cure.vehicle} by {seconds} s"
     if isinstance(cure, ReadSpeedAs):
         return f"Read the speed of vehicle {cure.vehicle} as {cure.unit}"
-    changes = cure.changes(taken_as(mapping, vehicle))
+    changes = cure.changes(units_taken(mapping, vehicle))
     plural = {"speed": "speeds", "gap": "gaps"}
     return "Read " + joined([f"{plural.get(name, name)} as {unit}" for name, unit in changes])
 
@@ -169,12 +245,14 @@ def quality_table(info: SegmentInfo, quality: Quality, estimate: Estimate) -> Ta
     )
 
 
-def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
-    """One row a follower: its share of instants in each regime."""
-    shares = np.transpose(regimes.shares)
+def regimes_table(infos: Sequence[SegmentInfo], regimes: Sequence[Regimes]) -> Table:
+    """One row a follower: its share of the instants of all windows in each regime."""
+    shares = np.array([part.shares for part in regimes])
+    samples = [info.samples for info in infos]
+    together = np.average(shares, axis=0, weights=samples).T
     filled = [
         (Column(name.capitalize(), "%", 0), percent_cells(share))
-        for name, share in zip(REGIMES, shares, strict=True)
+        for name, share in zip(REGIMES, together, strict=True)
     ]
-    followers = (Column("Follower"), info.labels[1:])
-    return Table.of(f"Regimes, {where(info)}", [followers, *filled])
+    followers = (Column("Follower"), infos[0].labels[1:])
+    return Table.of(f"Regimes, {where(infos[0], windows=infos)}", [followers, *filled])

@@ -5,7 +5,7 @@ Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so 
 at once; what takes a recording names its run, windows and preset.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -168,7 +168,7 @@ class Comparison:
     learned: str = ""
     """From the recording."""
     deviation: str = ""
-    """Of what is learned from what is printed, or recomputed where nothing is printed."""
+    """Deviation of what is learned from what is printed, or recomputed where nothing is printed."""
 
 
 @dataclass(frozen=True)
@@ -230,9 +230,9 @@ class PrintedItem:
         printed = self.verdicts[0]
         count = sum(2 * len(part.vehicles) for part in self.verdicts)
         agreeing = sum(part.agreeing for part in self.verdicts)
-        recomputed = f"{agreeing} of {count} verdicts agree"
+        recomputed = f"{agreeing} of {count} verdicts"
         if refuted := [name for part in self.verdicts for name in part.refuted]:
-            recomputed += f"; exactly, {joined(refuted)} L∞ unstable"
+            recomputed += f"; {joined(refuted)} exactly L∞ unstable"
         if learned is None:
             return Comparison(_ranges(printed.vehicles.parameters), recomputed)
         return Comparison(
@@ -262,7 +262,7 @@ _SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
 
 ITEMS = (
     PrintedItem(
-        "Table I", "Ispra-Casale, five initial values", CASALE_RUN, _SYNTHETIC,
+        "Table I", "Ispra-Casale: five initial values", CASALE_RUN, _SYNTHETIC,
         (_no(CASALE_STARTS),), (CASALE,),
     ),
     PrintedItem(
@@ -277,9 +277,9 @@ ITEMS = (
     PrintedItem("Figures 2, 3a", "Synthetic study: trajectories and convergence", None, _SYNTHETIC),
     PrintedItem("Figures 3b, 4", "Ispra-Casale: convergence and trajectories", CASALE_RUN),
     PrintedItem("Figure 5", "Speed profiles of the platoons", ASTAZERO_RUN),
-    PrintedItem("Figures 6, 7", "String stability along the platoon, Bode plots",
+    PrintedItem("Figures 6, 7", "Bode plots: string stability along the platoon",
                 shown=(ASTAZERO, VICOLUNGO)),
-    PrintedItem("Figure 8", "Eight followers behind a sinusoid, four panels"),
+    PrintedItem("Figure 8", "Four panels: eight followers behind a sinusoid"),
 )  # fmt: skip
 """In the order of the checklist; Figure 1 is a drawing of the network."""
 
@@ -308,6 +308,20 @@ def rows_of(learned: Parameters, count: int) -> Parameters:
     return learned[: count if len(learned) >= count else 1]
 
 
+def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
+    """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
+    printed = [part for item in learned for part in item.verdicts]
+    agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
+    said = f"{agreeing} of {count} printed verdicts agree"
+    pairs = [(item.verdicts[0], found) for item, found in learned.items() if found is not None]
+    if not pairs:
+        return f"{said}. Nothing is learned yet."
+    off = max(float(np.abs(deviations(*pair)).max()) for pair in pairs)
+    what = "all tables" if len(pairs) == len(learned) else f"{len(pairs)} of {len(learned)} tables"
+    tick = f"{TICK} " if off <= TOLERANCE and len(pairs) == len(learned) else ""
+    return f"{tick}Learned: {what} within {100 * off:.0f} %. {said}."
+
+
 def compared_peaks(learned: Parameters | None) -> Comparison:
     """The largest peak of the Bode magnitude: as the text has it, by Table III, and as learned.
 
@@ -324,7 +338,7 @@ def compared_peaks(learned: Parameters | None) -> Comparison:
         printed,
         recomputed,
         f"{peak:.2f} dB at {peak_at:.3f} ({peak_name})",
-        f"{peak - gain:+.2f} dB from Table III".replace("-", MINUS),
+        f"{peak - gain:+.2f} dB".replace("-", MINUS),
     )
 
 
@@ -362,11 +376,11 @@ def _largest_peak(vehicles: ParameterSet) -> tuple[float, RadiansPerSecond, str]
 
 def _ranges(parameters: Parameters) -> str:
     """The smallest and the largest α, β and τ."""
-    parts = []
-    for quantity, column in zip(PARAMETERS, parameters.values.T, strict=True):
-        ends = dict.fromkeys(f"{end:#.3g}" for end in (column.min(), column.max()))
-        parts.append(f"{quantity.symbol} {'–'.join(ends)}")
-    return ", ".join(parts)
+    ends = (
+        dict.fromkeys(f"{end:#.3g}" for end in (column.min(), column.max()))
+        for column in parameters.values.T
+    )
+    return ", ".join(map("–".join, ends))
 
 
 @cache
@@ -420,7 +434,7 @@ def learned_line(printed: PrintedVerdicts, learned: Parameters) -> str:
 
 def _largest_deviations(printed: PrintedVerdicts, learned: Parameters) -> str:
     """The same, as short as a cell is."""
-    off = ", ".join(f"{symbol} {value:.0f}" for symbol, value in _furthest(printed, learned))
+    off = ", ".join(f"{value:.0f}" for _, value in _furthest(printed, learned))
     return f"{_tick(printed, learned)}{off} %"
 
 

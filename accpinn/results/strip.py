@@ -14,6 +14,7 @@ from accpinn.model.registry import TITLES
 from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.messages.stability import becomes, reason
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import KnownVehicles, Objection, against_model
 from accpinn.stability import Assessment, Verdict, assessment
@@ -32,6 +33,8 @@ class Estimated:
     quantity: Quantity
     """All nan where it is not determined."""
     why: str
+    is_extrapolated: bool = False
+    """Whether no window holds the speed that it is of."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class Strip:
     leader: int
     """The leader's number in the recording, by which vehicles have their colours."""
     speed: MetresPerSecond
-    """At which the time gap is stated."""
+    """Speed at which the time gap is stated."""
     about: tuple[str, ...]
     """Method, model, windows, Case, and what an estimate without intervals is."""
 
@@ -109,7 +112,8 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
         for k, (result, place) in enumerate(subject.cars):
             trust = _trust(subject, k, describe(result).row(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
-        about = (vehicles.title, *([] if subject.uncertainty else [POINTS]))
+        models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
+        about = (vehicles.title, *models, *([] if subject.uncertainty else [POINTS]))
         return Strip(rows, leader, SPEEDS[-1], about)
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
@@ -158,8 +162,10 @@ def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
     further: Span = value.span
     if isfinite(further.further_lower):
         said += [f"In a further drive: {further.further_lower:.2f}–{further.further_upper:.2f} s."]
-    said += [f"{capital(EXTRAPOLATED)}."] * (value.note == EXTRAPOLATED)
-    return Estimated(value.span, " ".join(said))
+    is_extrapolated = value.note == EXTRAPOLATED
+    said += [f"{capital(EXTRAPOLATED)}."] * is_extrapolated
+    said += [] if value.span.is_inside else ["The estimate lies outside its interval."]
+    return Estimated(value.span, " ".join(said), is_extrapolated)
 
 
 def _gap_of(subject: KnownVehicles, place: int) -> Quantity:
@@ -227,6 +233,8 @@ def _objections(subject: KnownVehicles, place: int, row: Row | None) -> Iterator
     if any(vehicles.by_hand) and vehicles.by_hand[place]:
         share = vehicles.by_hand[place]
         yield Objection("driven by hand", f"Driven by hand for {percent(share)} of the time.")
+    if subject.result and (missing := unfinished(subject.result.estimate)):
+        yield Objection("training stopped", missing)
     if row is None:
         yield from against_model(subject, [vehicles.vehicles[place + 1]])
     else:

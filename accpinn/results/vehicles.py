@@ -14,7 +14,7 @@ import numpy as np
 from accpinn.errors import ParameterError
 from accpinn.findings import Labelled, capital, joined
 from accpinn.inference.gain_check import LEAST, GainCheck
-from accpinn.inference.intervals import Uncertainty, from_draws, growth
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -23,8 +23,10 @@ from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.stability.margin import Margins, margins
+from accpinn.stability.modes import Modes, modes
 from accpinn.study.result import Result
-from accpinn.units import MetresPerSecond, Quantity, RadiansPerSecond
+from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -50,11 +52,13 @@ class KnownVehicles:
     result: Result | None = None
     """The result that they are of; None for parameters that are published or typed in."""
     speed: MetresPerSecond | None = None
-    """At which they are linearised, where that is not each vehicle's median speed."""
+    """Speed at which they are linearised, where that is not each vehicle's median speed."""
     origin: str = ""
     """Where they come from, for a page's headline."""
     cars: tuple[tuple[Result, int], ...] = ()
     """(M,) of vehicles of several results: the result of each, and its place there."""
+    typed_speeds: tuple[MetresPerSecond, ...] = ()
+    """(M,) at which each is linearised whose parameters are typed in, where its model needs one."""
 
     @cached_property
     def report(self) -> StabilityReport:
@@ -82,10 +86,35 @@ class KnownVehicles:
             return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
         return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
 
+    @cached_property
+    def margins(self) -> Margins:
+        """The time gap that separates each vehicle, and the platoon, from string stability.
+
+        It is that of `Result.margin` where the vehicles are those of one estimate.
+        """
+        known, vehicles, found = self.uncertainty, self.vehicles, self.result
+        at: MetresPerSecond | FloatArray = self.speed or self.median_speed
+        if self.speed is None and found:
+            is_linear = found.estimate.following.is_linear
+            at = (
+                found.estimate.stated_speed if is_linear else found.estimate.speeds[: len(vehicles)]
+            )
+        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        return margins(
+            vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
+        )
+
+    @property
+    def modes(self) -> tuple[Modes, ...]:
+        """(M,) poles, damping and settling of each vehicle."""
+        return tuple(map(modes, self.vehicles.parameters))
+
     @property
     def median_speed(self) -> MetresPerSecond:
-        """The vehicles' median speed in the recording, or that of parameters without one."""
-        return float(np.median(self.result.estimate.speeds)) if self.result else Sinusoid.speed
+        """The vehicles' median speed in the recording, or at which they are typed in."""
+        if self.result:
+            return float(np.median(self.result.estimate.speeds))
+        return float(np.median(self.typed_speeds)) if self.typed_speeds else Sinusoid.speed
 
     def growth(
         self, order: Sequence[int], omega: RadiansPerSecond | None = None
@@ -112,12 +141,12 @@ class KnownVehicles:
             ParameterError: where a vehicle has no equilibrium there.
         """
         vehicles, known = self.vehicles, self.uncertainty
-        model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
-        for row in own:
+        model, theta = FOLLOWING[vehicles.model], vehicles.parameters.nonlinear
+        for row in theta:
             model.linearised(row, speed)
-        there = replace(vehicles, parameters=model.linearisations(own.T, speed))
+        there = replace(vehicles, parameters=model.linearisations(theta.T, speed))
         if known:
-            drawn = model.linearisations(np.moveaxis(known.draws.own, -1, 0), speed)
+            drawn = model.linearisations(np.moveaxis(known.draws.nonlinear, -1, 0), speed)
             every = drawn.everything.copy()
             for k in range(every.shape[1]):  # a vehicle has an equilibrium where its estimate has
                 kept = np.isfinite(every[:, k]).all(axis=1)
@@ -200,6 +229,41 @@ def known_vehicles(result: Result) -> KnownVehicles:
         estimate.model,
     )
     return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
+
+
+def typed_vehicles(
+    title: str, model: str, names: tuple[str, ...], values: FloatArray, speeds: FloatArray
+) -> ParameterSet:
+    """Followers of parameters that somebody types in, or takes over from a result.
+
+    Args:
+        title: of the set.
+        model: the key; of a CTHP all terms may stand, whatever it is called.
+        names: (M,) of the followers.
+        values: (M, 6) α, β, τ, s₀, λ, d of a CTHP, where a term that is missing is 0; or (M, n) the
+            parameters of another model.
+        speeds: (M,) in m/s, at which another model is linearised.
+
+    Raises:
+        ParameterError: naming the follower whose parameters allow nothing.
+    """
+    following = FOLLOWING[model]
+    if following.is_linear:
+        terms = np.nan_to_num(values[:, 3:], nan=0.0)
+        complete = Parameters.of(np.column_stack([values[:, :3], terms]))
+        return ParameterSet(title, names, complete, model=model)
+    for name, row, speed in zip(names, values, speeds.tolist(), strict=True):
+        for parameter, value in zip(following.parameters, row.tolist(), strict=True):
+            if not np.isfinite(value) or (parameter.is_positive and value <= 0):
+                more = "a number above 0" if parameter.is_positive else "a number"
+                given = "is missing" if np.isnan(value) else f"= {value:g} is not allowed"
+                raise ParameterError(f"{name}: {parameter.symbol} {given}; give {more}.")
+        if not speed > 0:
+            raise ParameterError(
+                f"{name}: the speed is missing at which the model is linearised; give one in m/s."
+            )
+        following.linearised(row, speed)
+    return ParameterSet(title, names, following.linearisations(values.T, speeds), model=model)
 
 
 def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[Objection]:

@@ -9,7 +9,7 @@ are suggested, planned for a batch and graded, and the regimes, all use this lim
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -20,7 +20,7 @@ from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import MOVING, ValuesOutOfRange, Window, listed, vehicle_label
-from accpinn.recordings.consistency import (
+from accpinn.recordings.inconsistency import (
     ClocksDiffer,
     ColumnsCopied,
     GapComputed,
@@ -49,13 +49,13 @@ def time_gaps(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
 
 def longest_time_gap(gaps: FloatArray) -> Seconds:
     """The longest time gap in car-following of one follower, from all of its time gaps (N,)."""
-    known = gaps[np.isfinite(gaps)]
+    finite = gaps[np.isfinite(gaps)]
     least, most = LONGEST_TIME_GAP
-    return float(np.clip(USUAL * np.median(known), least, most)) if len(known) else least
+    return float(np.clip(USUAL * np.median(finite), least, most)) if len(finite) else least
 
 
 class WindowMoved(Finding, frozen=True):
-    """The window starts at the sample nearest to the time that was asked for."""
+    """The window starts at the sample nearest to the start requested."""
 
     text = "The window starts at {start:g} s, the sample nearest to {asked:g} s."
 
@@ -64,7 +64,7 @@ class WindowMoved(Finding, frozen=True):
 
 
 class WindowShortened(Finding, frozen=True):
-    """The window ends with the recording, before the duration that was asked for."""
+    """The window ends with the recording, so that it is shorter than requested."""
 
     text = (
         "The window ends with the recording at {window.end:.1f} s: {window.duration:.1f} s instead"
@@ -109,7 +109,7 @@ class BlocksMissing(Finding, frozen=True):
     )
 
     columns: tuple[str, ...]
-    """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
+    """Names in the file of all channels that are missing at the same time, as Speed2 and IVS1."""
     share: float
     """Share of the window's samples, 0 to 1; bridged ones do not count."""
     windows: tuple[Window, ...]
@@ -124,7 +124,7 @@ class RegimesExcluded(Finding, frozen=True):
     """Instants of some regimes do not count in the equations of the model."""
 
     text = "Excluded from the equations of the model: {regimes} ({listed} of the instants)."
-    each = "{vehicle}: {shares:percent}"
+    item_text = "{vehicle}: {shares:percent}"
 
     regimes: tuple[str, ...]
     vehicles: tuple[int, ...]
@@ -155,17 +155,25 @@ class DrivenByHand(Finding, frozen=True):
         "By the file's {evidence}, a driver, not ACC, controls {listed}. α, β and τ rest on that"
         " time as well."
     )
-    each = "{vehicle} ({shares:percent} of the time)"
+    item_text = "{vehicle} ({shares:percent} of the time)"
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
     """The share of the window's samples of each, 0 to 1."""
     by_flag: bool = False
-    """Whether the file says so by its flag for the whole run alone, as it gives no modes."""
+    """Whether only the flag of the whole run shows it, as the file has no modes."""
 
     def sentence(self, about: Labelled) -> str:
         """The finding, weaker where ACC controls each of them for most of the time."""
         return self.filled(self.text if max(self.shares) > 0.5 else self.partly, about)
+
+    def among(self, vehicles: Collection[int]) -> "DrivenByHand | None":
+        """The same of some vehicles alone, by their numbers; None where it is of none of them."""
+        pairs = [
+            pair for pair in zip(self.vehicles, self.shares, strict=True) if pair[0] in vehicles
+        ]
+        numbers, shares = [number for number, _ in pairs], [share for _, share in pairs]
+        return DrivenByHand(tuple(numbers), tuple(shares), self.by_flag) if pairs else None
 
     def _words(self, about: Labelled) -> Words:
         modes = "flag (it gives no driver modes)" if self.by_flag else "driver modes"
@@ -214,10 +222,10 @@ class _Platoon:
     """Regimes whose instants do not count in the model's equation (see `segment.quality`)."""
 
     def __post_init__(self) -> None:
-        """Drop what is said of a driver whose time is excluded, as no estimate rests on it."""
+        """Drop the finding of manual driving where that is excluded, as no estimate rests on it."""
         if "manual" in self.excluded_regimes:
-            kept = (f for f in self.findings if not isinstance(f, DrivenByHand) or f.by_flag)
-            object.__setattr__(self, "findings", tuple(kept))
+            findings = (f for f in self.findings if not isinstance(f, DrivenByHand) or f.by_flag)
+            object.__setattr__(self, "findings", tuple(findings))
 
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
@@ -262,9 +270,9 @@ class Segment(_Platoon):
     """Speeds and space-gaps of consecutive vehicles on evenly spaced instants.
 
     Where a sample is missing, ``speeds`` and ``gaps`` hold a straight line between its neighbours;
-    `measured_speeds`, `measured_gaps` and `counts` tell it from a measured one.
+    `measured_speeds`, `measured_gaps` and `counts` leave it out.
 
-    Segments with the same data are equal, so what was computed for one is known for the other.
+    Segments with the same data are equal, so that results are cached by them.
     """
 
     time: FloatArray
@@ -386,7 +394,7 @@ class Segment(_Platoon):
     def pair(self, follower: int) -> "Segment":
         """One follower, 0 for the first, behind the measured vehicle ahead of it."""
         ahead, count = slice(follower, follower + 2), len(self.vehicles)
-        missing, own = self.missing, [follower, follower + 1, count + follower]
+        missing, columns = self.missing, [follower, follower + 1, count + follower]
         return replace(
             self,
             speeds=self.speeds[:, ahead],
@@ -394,7 +402,7 @@ class Segment(_Platoon):
             vehicles=self.vehicles[ahead],
             names=self.names[ahead],
             mask=None if self.mask is None else self.mask[:, [follower]],
-            missing=None if missing is None else missing[:, own],
+            missing=None if missing is None else missing[:, columns],
             longest_time_gaps=self.longest_time_gaps[follower : follower + 1],
         )
 
@@ -430,7 +438,7 @@ class Segment(_Platoon):
         )
 
     def _digest(self) -> str:
-        """SHA-256 of what determines a result: instants, speeds, gaps and more."""
+        """SHA-256 of all that determines a result: instants, speeds, gaps, masks and vehicles."""
         whose = (self.vehicles, float(self.start), *map(float, self.longest_time_gaps))
         content = hashlib.sha256(repr(whose).encode())
         for values in (self.time, self.speeds, self.gaps):

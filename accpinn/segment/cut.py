@@ -20,14 +20,10 @@ import numpy as np
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.recordings import HUMAN_FLAG, Mode, Recording, ValuesOutOfRange, Window
-from accpinn.recordings.consistency import (
-    AGREEMENT_LIMIT,
-    JUMP_TIME,
-    GapContradictsSpeeds,
-    GapJumps,
-    Inconsistency,
-    agreement,
-)
+from accpinn.recordings.consistency import AGREEMENT_LIMIT
+from accpinn.recordings.inconsistency import GapContradictsSpeeds, GapJumps, Inconsistency
+from accpinn.recordings.increments import agreement
+from accpinn.recordings.jumps import JUMP_TIME
 from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.recordings.mapping import MappingRemembered
 from accpinn.segment import (
@@ -132,7 +128,7 @@ def cut(
 def _unsound(
     recording: Recording, chosen: Sequence[int], source: Stretch
 ) -> Iterator[SegmentFinding]:
-    """What the recording has against the data of the chosen vehicles in a window."""
+    """Findings of the recording that concern the chosen vehicles in a window."""
     rows = source.rows
     for finding in recording.findings:
         if isinstance(finding, MappingRemembered | UnitContradictsHeader):
@@ -151,7 +147,7 @@ def _unsound(
 def _in_window(
     recording: Recording, finding: Inconsistency, source: Stretch
 ) -> Iterator[SegmentFinding]:
-    """What is left of a finding about a recording in one of its windows."""
+    """The part of a recording's finding that holds in one of its windows."""
     if isinstance(finding, GapJumps):
         window = recording.window(source)
         if jumps := finding.within(window.start, window.end):
@@ -190,8 +186,8 @@ def complete_windows(
 ) -> tuple[Window, ...]:
     """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
 
-    They end where the gap of a follower jumps, and leave out what lies in some others. The vehicles
-    are consecutive numbers, leader first.
+    They end where the gap of a follower jumps, and do not overlap the windows ``outside``. The
+    vehicles are consecutive numbers, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
@@ -223,8 +219,8 @@ def disjoint_windows(
 ) -> tuple[Window, ...]:
     """The complete stretches of a recording, cut into windows of equal length.
 
-    A window ends where the next one begins; what remains of a stretch is left out. The vehicles are
-    consecutive numbers, leader first; by default see `default_vehicles`.
+    A window ends where the next one begins; the remainder of a stretch is left out. The vehicles
+    are consecutive numbers, leader first; by default see `default_vehicles`.
 
     Raises:
         SegmentError: when the vehicles are no platoon, or the duration is too short.
@@ -283,18 +279,14 @@ class _Platoon:
 
     def complete(self) -> tuple[Window, ...]:
         """The windows of at least `MINIMUM_DURATION` without a missing value and without a jump."""
-        complete = stretches(~(self.unbridged.any(axis=1) | self._jumping()))
-        windows = (self.recording.window(stretch) for stretch in complete)
-        return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
-
-    def _jumping(self) -> Mask:
-        """(N,) True around the jumps of the followers' gaps."""
         time, jumping = self.recording.time, np.zeros(self.recording.samples, bool)
         for jumps in self.recording.jumps:
             if GAP.of(jumps.vehicle) in self.columns:
                 for instant in jumps.times:
                     jumping |= np.abs(time - instant) < JUMP_TIME
-        return jumping
+        complete = stretches(~(self.unbridged.any(axis=1) | jumping))
+        windows = (self.recording.window(stretch) for stretch in complete)
+        return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
 
 
 def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
@@ -314,7 +306,7 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
 
 
 def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> IncompleteWindow:
-    """The sentence about samples that are missing among ``rows``, with complete windows nearby."""
+    """The error about samples that are missing among ``rows``, with complete windows nearby."""
     recording = platoon.recording
     block = max(missing.windows, key=lambda window: window.duration)
     reason = f"too long to bridge (limit {BRIDGE:g} s)"
@@ -468,8 +460,8 @@ def _fault(recording: Recording, chosen: tuple[int, ...]) -> str:
     present = recording.present
     for number in chosen:
         if number not in present:
-            known = 1 <= number <= len(recording.vehicles)
-            name = f" ({recording.vehicles[number - 1].name})" if known else ""
+            is_in_file = 1 <= number <= len(recording.vehicles)
+            name = f" ({recording.vehicles[number - 1].name})" if is_in_file else ""
             return f"vehicle {number}{name} has no speed in this recording"
     for ahead, behind in pairwise(chosen):
         if behind != ahead + 1:

@@ -23,7 +23,7 @@ has no manual instants here; `Regimes.mode_known` is False then.
 
 Five questions grade a window before anything is estimated from it, by the limits of the findings:
 
-    complete      is every sample measured?
+    complete      is every sample measured, none missing, bridged or frozen?
     excited       do leader and followers move enough to identify α, β and τ?
     following     are the followers in car-following, for which the model is meant?
     driver        does ACC, not a driver, control the followers?
@@ -39,6 +39,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
 from itertools import compress
+from math import nan
 from typing import Any, Literal
 
 import numpy as np
@@ -53,8 +54,10 @@ from accpinn.recordings import (
     LittleLeaderMotion,
     Mode,
     Recording,
+    frozen_values,
 )
-from accpinn.recordings.consistency import Inconsistency, agreement
+from accpinn.recordings.inconsistency import Inconsistency
+from accpinn.recordings.increments import agreement
 from accpinn.segment import (
     BlocksMissing,
     Bridged,
@@ -70,8 +73,8 @@ from accpinn.units import (
     MetresPerSecond,
     Seconds,
     frozen,
-    known_deviation,
     nanmean,
+    nanstd,
 )
 
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
@@ -80,6 +83,8 @@ LARGE_CONDITION = 100.0
 """Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
 """Least share of a window in car-following that is not reported."""
+MOST_FROZEN = 0.05
+"""Largest share of a window's instants with frozen samples that is no more than a flaw."""
 MOST_CAR_FOLLOWING = 0.9
 """Least share of each follower in a window that is rated as one of car-following."""
 
@@ -94,7 +99,7 @@ class NearEquilibrium(Finding, frozen=True):
     """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
 
     text = "Near equilibrium, where α, β and τ are poorly identified: {listed}."
-    each = "{vehicle} (Δv varies by {deviations:.2f} m/s, condition number {conditions:.0f})"
+    item_text = "{vehicle} (Δv varies by {deviations:.2f} m/s, condition number {conditions:.0f})"
 
     vehicles: tuple[int, ...]
     deviations: tuple[MetresPerSecond, ...]
@@ -110,7 +115,7 @@ class LittleCarFollowing(Finding, frozen=True):
         f"In car-following for less than {100 * LITTLE_CAR_FOLLOWING:.0f} % of the time, and"
         " elsewhere the model does not hold: {listed}."
     )
-    each = "{vehicle} ({shares:.1%})"
+    item_text = "{vehicle} ({shares:.1%})"
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
@@ -121,7 +126,7 @@ class GapsNegative(Finding, frozen=True):
     """Followers with negative space-gaps."""
 
     text = "The space-gap is negative, which is impossible: {listed}."
-    each = "{vehicle} (at {instants} instants)"
+    item_text = "{vehicle} (at {instants} instants)"
 
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
@@ -167,9 +172,9 @@ def assess_quality(segment: Segment) -> Quality:
     parts = regressors(segment.speeds, segment.gaps)
     figures = Quality(
         mean_time_gap=tuple(nanmean(segment.time_gaps).tolist()),
-        leader_deviation=float(known_deviation(speeds[:, 0])),
-        relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
-        acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
+        leader_deviation=float(nanstd(speeds[:, 0])),
+        relative_deviation=tuple(nanstd(speeds[:, :-1] - speeds[:, 1:]).tolist()),
+        acceleration_deviation=tuple(nanstd(acceleration).tolist()),
         condition=tuple(map(_condition, parts, segment.counts.T)),
         car_following=tuple(nanmean(np.where(unknown, np.nan, segment.car_following)).tolist()),
     )
@@ -191,6 +196,7 @@ def _findings(segment: Segment, figures: Quality) -> Iterator[QualityFinding]:
         yield LittleLeaderMotion(segment.vehicles[0], figures.leader_deviation)
     deviations, conditions = figures.relative_deviation, figures.condition
     still = np.less(deviations, LITTLE_RELATIVE_MOTION) | np.greater(conditions, LARGE_CONDITION)
+    still &= np.isfinite(deviations)  # of what was never measured nothing is said
     if still.any():
         yield NearEquilibrium(*those(still, deviations, conditions))
     elsewhere = np.less(figures.car_following, LITTLE_CAR_FOLLOWING)
@@ -359,40 +365,63 @@ class Rating:
     grade: Grade
     findings: tuple[Finding, ...] = ()
     """Findings that say why it is not good."""
+    figure: float = nan
+    """What the answer counts; of several followers that of the worst. It is nan where it is not
+    known:
 
-
-def worst(rated: Sequence[tuple[Rating, ...]]) -> tuple[Rating, ...]:
-    """For each question the worst rating that a window has."""
-    grades = [Grade.GOOD, Grade.UNKNOWN, Grade.FAIR, Grade.POOR]
-    return tuple(
-        max(ratings, key=lambda rating: grades.index(rating.grade))
-        for ratings in zip(*rated, strict=True)
-    )
+        complete      share of instants at which every speed and gap was measured
+        excited       condition number
+        following     share of instants in car-following
+        driver        share of samples under ACC
+        consistent    correlation of the gap's changes with the difference of the speeds
+    """
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
     """All ratings of a window of a recording, in the order of the questions."""
     ahead, followers = segment.vehicles[:-1], np.array(segment.vehicles[1:]) - 1
-    missing = _of(segment.findings, BlocksMissing | Bridged)
+    rows = recording.rows(segment.window)
+    frozen, is_frozen = frozen_values(recording, segment.vehicles, rows)
+    missing = (*_of(segment.findings, BlocksMissing | Bridged), *frozen)
+    measured = 1.0 - float((is_frozen | _is_missing(segment, recording, rows)).mean())
+    is_incomplete = bool(segment.blocks_missing) or float(is_frozen.mean()) > MOST_FROZEN
     still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     elsewhere = _of(quality.findings, LittleCarFollowing)
     by_hand = _of(segment.findings, DrivenByHand)
     unlike = [f for f in segment.findings if isinstance(f, Inconsistency)]
     wrong = (*unlike, *_of(quality.findings, GapsNegative))
     is_wrong = any(f.is_contradiction for f in unlike) or len(wrong) > len(unlike)
-    rows = recording.rows(segment.window)
     modes = recording.mode[rows, followers]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
-    no_agreement = any(agreement(recording.pair(number, rows)) is None for number in ahead)
-    is_near = bool(_of(still, NearEquilibrium))
-    is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING
+    share = nan if no_mode else float((modes == Mode.ACC).mean(axis=0).min())
+    agreements = [agreement(recording.pair(number, rows)) for number in ahead]
+    agreed = [value for value in agreements if value is not None]
+    is_near = bool(_of(still, NearEquilibrium)) or np.isinf(max(quality.condition))
+    following = min(quality.car_following)
     return (
-        Rating("complete", _grade(bool(segment.blocks_missing), bool(missing)), missing),
-        Rating("excited", _grade(is_near, bool(still)), still),
-        Rating("following", _grade(bool(elsewhere), is_partly), elsewhere),
-        Rating("driver", _grade(bool(by_hand), is_human, no_mode), by_hand),
-        Rating("consistent", _grade(is_wrong, bool(wrong), no_agreement), wrong),
+        Rating("complete", _grade(is_incomplete, bool(missing)), missing, measured),
+        Rating("excited", _grade(is_near, bool(still)), still, max(quality.condition)),
+        Rating(
+            "following",
+            _grade(bool(elsewhere), not following >= MOST_CAR_FOLLOWING),
+            elsewhere,
+            following,
+        ),
+        Rating("driver", _grade(bool(by_hand), is_human, no_mode), by_hand, share),
+        Rating(
+            "consistent",
+            _grade(is_wrong, bool(wrong), len(agreed) < len(agreements)),
+            wrong,
+            min(agreed, default=nan),
+        ),
     )
+
+
+def _is_missing(segment: Segment, recording: Recording, rows: slice) -> Mask:
+    """(N,) where a speed or a gap of the segment's vehicles has no sample in the recording."""
+    speeds = recording.speed[rows][:, [number - 1 for number in segment.vehicles]]
+    gaps = recording.gap[rows][:, [number - 1 for number in segment.vehicles[:-1]]]
+    return np.asarray(np.isnan(speeds).any(axis=1) | np.isnan(gaps).any(axis=1))
 
 
 def _grade(is_poor: bool, is_fair: bool = False, is_unknown: bool = False) -> Grade:

@@ -7,9 +7,9 @@ its acceleration (Fedorov, Theory of Optimal Experiments, 1972):
 
 Of all windows, those are kept whose share of car-following is close to the largest; among them the
 one with the largest Σ_i log det I_i is D-optimal. Two windows compare by their relative
-D-efficiency, exp((Σ_i log det I_i - Σ_i log det I'_i)/3M): the first tells as much as the second
-would if it lasted longer by this factor. Instants driven by hand do not count (see the regimes of
-`segment.quality`); where the file has no driver modes, it is not known who drove.
+D-efficiency, exp((Σ_i log det I_i - Σ_i log det I'_i)/3M): the first is as informative as the
+second if that lasted longer by this factor. Instants driven by hand do not count (see the regimes
+of `segment.quality`); where the file has no driver modes, it is not known who drove.
 """
 
 from dataclasses import dataclass
@@ -107,7 +107,7 @@ class Information:
 
 
 def suggest_window(
-    recording: Recording, vehicles: tuple[int, ...], known: Information
+    recording: Recording, vehicles: tuple[int, ...], information: Information
 ) -> Suggestion | None:
     """The most informative window of the usual length about the followers' parameters.
 
@@ -120,12 +120,13 @@ def suggest_window(
     candidates = _candidates(complete_windows(recording, vehicles))
     if not candidates:
         return None
-    shares = np.array([known.car_following(window) for window in candidates])
-    kept = [w for w, s in zip(candidates, shares, strict=True) if s > shares.max() - NEARLY]
-    best = max(kept, key=known.log_det)
-    if not np.isfinite(known.log_det(best)):
+    shares = np.array([information.car_following(window) for window in candidates])
+    nearly_best = [w for w, s in zip(candidates, shares, strict=True) if s > shares.max() - NEARLY]
+    best = max(nearly_best, key=information.log_det)
+    if not np.isfinite(information.log_det(best)):
         return None
-    return Suggestion(best, known.car_following(best), known.by_hand(best), len(candidates))
+    following, manual = information.car_following(best), information.by_hand(best)
+    return Suggestion(best, following, manual, len(candidates))
 
 
 def _candidates(complete: tuple[Window, ...]) -> list[Window]:

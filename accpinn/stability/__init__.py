@@ -263,7 +263,7 @@ def _of_one_kind(given: Parameters, clean: Parameters) -> Iterator[VehicleStabil
     columns = (
         metrics.gain,
         metrics.overshoot,
-        np.where(clean.alpha > 0, l2_margin(clean), 0.0),  # without α on the boundary
+        np.where((clean.alpha > 0) | lagged, l2_margin(clean), 0.0),  # without α on the boundary
         l2_criterion(clean),
         paper_margin(clean),
         paper_criterion(clean),

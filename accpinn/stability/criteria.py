@@ -84,7 +84,9 @@ Far below what any estimate can resolve and far above what rounding does.
 
 
 def checked(parameters: Parameters) -> Parameters:
-    """The parameters (..) of any vehicles, with τ = 0 where α = 0, as it has no effect there.
+    """The parameters (..) of any vehicles, without those that have no effect.
+
+    That is τ where α = 0, and lag and delay where also β = 0.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
@@ -100,7 +102,7 @@ def checked(parameters: Parameters) -> Parameters:
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
     # Near its free speed a model's linearisation has a steep gap and an intercept far below zero.
-    intercept = COMPUTABLE if parameters.own.size else LARGEST_TERM
+    intercept = LARGEST_TERM if parameters.is_linear else COMPUTABLE
     terms, least = complete[:, 3:], np.array([-intercept, 0.0, 0.0])
     for row, column in np.argwhere(~((terms >= least) & (terms <= LARGEST_TERM)))[:1]:
         raise ParameterError(
@@ -112,6 +114,7 @@ def checked(parameters: Parameters) -> Parameters:
             f"A gain or headway of {values.max():g} with a lag or a delay is beyond any vehicle;"
             " give α in 1/s², β in 1/s, τ in s."
         )
+    complete[(values[:, :2] == 0.0).all(axis=1), 4:] = 0.0
     return Parameters.of(complete.reshape(parameters.complete.shape))
 
 
@@ -138,7 +141,10 @@ def spacing_gain(parameters: Parameters) -> FloatArray:
 
 def l2_criterion(parameters: Parameters) -> FloatArray:
     """κ in 1/s²; the paper calls the vehicle L₂ string stable where it is positive."""
-    return np.asarray(parameters.alpha * l2_margin(parameters) * 2.0 + 0.0)  # + 0 turns -0 into 0
+    margin = l2_margin(parameters)
+    finite = np.where(np.isinf(margin), 0.0, margin)  # where α = 0, too, a vehicle may be unstable
+    criterion = parameters.alpha * finite * 2.0 + 0.0  # + 0 turns -0 into 0
+    return np.asarray(np.where(np.isinf(margin), margin, criterion))
 
 
 def l2_margin(parameters: Parameters) -> FloatArray:

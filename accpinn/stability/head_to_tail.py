@@ -162,7 +162,7 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     stages = _stages(parameters)
     if not stages:
         return np.full(count, np.nan), np.full(count, np.nan)
-    system, speed, state = _cascade(parameters)
+    system, speed, state = cascade(parameters)
     fine, coarse = np.zeros(count), np.zeros(count)
     for _, step in stages:
         states = orbit(expm(system * step), state, SAMPLES + 1)
@@ -173,7 +173,7 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     return fine, coarse
 
 
-def _cascade(parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
+def cascade(parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The platoon as a linear system: its matrix (K, K), the speeds (M, K) in it, and the state.
 
     The state (K,) is the distance to the new equilibrium after a unit step of the leader's speed.

@@ -91,7 +91,7 @@ def _squared(coefficients: FloatArray) -> FloatArray:
     return np.pad(result, ((0, 0), (0, 1))) + np.pad(_product(odd, odd), ((0, 0), (1, 0)))
 
 
-def _roots(coefficients: FloatArray) -> NDArray[np.complex128]:
+def roots_of(coefficients: FloatArray) -> NDArray[np.complex128]:
     """(V, n) the roots of polynomials (V, n+1), constant term first; nan beyond their degree.
 
     A polynomial with coefficients that are not known has none.
@@ -131,16 +131,16 @@ def lagged_stability(parameters: Parameters) -> LaggedStability:
     upper, lower = polynomials(parameters)
     above, below = _squared(upper), _squared(lower)
     rest = (below - above)[:, 1:]
-    stable = _decays(_roots(lower))
+    stable = _decays(roots_of(lower))
     slopes = _product(_derived(above), below) - _product(above, _derived(below))
-    at = _positive(_roots(slopes))
+    at = _positive(roots_of(slopes))
     gains = _value(above, at) / np.maximum(_value(below, at), 1e-300)
     best = gains.argmax(axis=1)[:, None]
     peak, omega = (np.take_along_axis(part, best, axis=1)[:, 0] for part in (gains, np.sqrt(at)))
-    places = _positive(_roots(_derived(rest)))
+    places = _positive(roots_of(_derived(rest)))
     size = np.abs(rest[:, 0]) + parameters.alpha + parameters.beta**2
     margin = _value(rest, places).min(axis=1) / np.maximum(size, 1e-300)
-    ends = np.sqrt(_positive(_roots(rest)))
+    ends = np.sqrt(_positive(roots_of(rest)))
     last = ends.max(axis=1)
     first = np.where(ends > 0, ends, np.inf).min(axis=1)
     amplifies = (margin < -ROUNDING) & (last > 0)
@@ -180,7 +180,7 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     The gain of a vehicle that is unstable, or not damped, is infinite.
     """
     upper, lower = polynomials(parameters)
-    poles = _roots(lower)
+    poles = roots_of(lower)
     overshoots, gains = np.full((2, len(upper)), np.inf)
     decaying = np.flatnonzero(_decays(poles) & np.isfinite(poles.real).any(axis=1))
     ringing = np.nanmax(np.abs(poles[decaying].imag / poles[decaying].real), axis=1, initial=0.0)

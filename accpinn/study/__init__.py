@@ -1,4 +1,4 @@
-"""What is asked: an `Analysis` names data, model, method and settings; its key names the result.
+"""The question: an `Analysis` names data, model, method and settings; its key names the result.
 
 An analysis is a few lines of JSON. Two with equal keys have equal estimates: the key is the SHA-256
 of the data read from the recording, the vehicles, the windows, the Case, the excluded
@@ -35,7 +35,7 @@ tells, as a change in how windows are cut."""
 
 @dataclass(frozen=True)
 class Source:
-    """Which recording the data come from."""
+    """The recording that the data come from."""
 
     name: str
     """File name; it is no part of the key."""
@@ -46,7 +46,7 @@ class Source:
     data: str
     """SHA-256 of what was read: times, speeds, space-gaps and driver modes."""
     mapping: CsvMapping | None = None
-    """How a table was read, so that it can be read again; `data` is in the key in its place."""
+    """The mapping a table was read with, to read it again; the key has `data` in its place."""
 
     @classmethod
     def of(cls, recording: Recording) -> Self:
@@ -82,14 +82,14 @@ class Analysis(Displayed):
 
     def __str__(self) -> str:
         """Data, model, method and the settings that differ from the preset, a line each."""
-        asked = _asked(self)
+        items = _described(self)
         if preset := self.settings.get("preset"):
-            asked["method"] += f", preset {preset}"
+            items["method"] += f", preset {preset}"
             changes = {k: v for k, v in self.config.changes().items() if k != "preset"}
             listed = ", ".join(f"{name} = {value}" for name, value in changes.items())
-            asked["settings"] = listed or "the preset's"
-        asked["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
-        lines = [f"  {name}: {text}" for name, text in asked.items()]
+            items["settings"] = listed or "the preset's"
+        items["intervals"] = "yes" if self.has_posterior else "no: the estimate is a point"
+        lines = [f"  {name}: {text}" for name, text in items.items()]
         return "\n".join(["Analysis", *lines, "More: .key, .settings; accpinn.run answers it"])
 
     @classmethod
@@ -151,11 +151,11 @@ class Analysis(Displayed):
         A method's usual model becomes the usual one of the other, as does one that it cannot
         estimate.
         """
-        asked = replace(self, method=method, settings=_settings(method, settings))
-        able = METHODS[method].models(asked.settings)
-        own = METHODS[self.method].models(self.settings)[0]
-        keeps = self.spec.model in able and self.spec != ModelSpec(own)
-        return asked if keeps else replace(asked, spec=ModelSpec(able[0]))
+        changed = replace(self, method=method, settings=_settings(method, settings))
+        able = METHODS[method].models(changed.settings)
+        usual = METHODS[self.method].models(self.settings)[0]
+        keeps = self.spec.model in able and self.spec != ModelSpec(usual)
+        return changed if keeps else replace(changed, spec=ModelSpec(able[0]))
 
     @property
     def window(self) -> Window:
@@ -183,7 +183,7 @@ class Analysis(Displayed):
         return self._address(shared) if shared is not None else ""
 
     def _address(self, settings: dict[str, Any]) -> str:
-        asked = {
+        content = {
             "format": FORMAT,
             "data": self.source.data,
             "vehicles": self.vehicles,
@@ -197,8 +197,8 @@ class Analysis(Displayed):
             "settings": settings,
         }
         if code := fingerprint(self.spec.model):  # of a model from somebody's script
-            asked["code"] = code
-        return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+            content["code"] = code
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def config(self) -> Any:
@@ -218,19 +218,19 @@ class Analysis(Displayed):
         """
         if recording is None:
             raise SegmentError(f"{self.source.name}: the data are not at hand; open the recording.")
-        return tuple(self._segment(recording, window) for window in self.windows)
-
-    def _segment(self, recording: Recording, window: Window) -> Segment:
-        variants = [(self.method, self.settings)]
-        segment = segment_for(variants, recording, window.start, window.duration, self.vehicles)
-        if not self.excluded:
-            return segment
-        return exclude_regimes(segment, label_regimes(segment, recording), self.excluded)
+        variants, segments = [(self.method, self.settings)], list[Segment]()
+        for start, duration in ((window.start, window.duration) for window in self.windows):
+            segment = segment_for(variants, recording, start, duration, self.vehicles)
+            if self.excluded:
+                regimes = label_regimes(segment, recording)
+                segment = exclude_regimes(segment, regimes, self.excluded)
+            segments.append(segment)
+        return tuple(segments)
 
 
 def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
-    """What differs between two analyses, a few words each; empty where nothing does."""
-    before, after = _asked(then), _asked(now)
+    """The differences between two analyses, a few words each; empty where they are equal."""
+    before, after = _described(then), _described(now)
     if then.method == now.method:
         before |= then.settings
         after |= now.settings
@@ -241,7 +241,7 @@ def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
     )
 
 
-def _asked(analysis: Analysis) -> dict[str, Any]:
+def _described(analysis: Analysis) -> dict[str, Any]:
     return {
         "recording": analysis.source.name,
         "window": ", ".join(map(str, analysis.windows)),

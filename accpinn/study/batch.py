@@ -23,8 +23,8 @@ from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.registry import (
     COMPARED,
     METHODS,
-    known_variant,
     recommended_method,
+    variant_key,
     variant_of,
 )
 from accpinn.model.cthp import Case
@@ -33,7 +33,7 @@ from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.recordings.openacc import is_known
+from accpinn.recordings.openacc import is_listed_name
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.study import Analysis, Source
@@ -156,7 +156,7 @@ def batch(
     listed = [sources] if isinstance(sources, str | os.PathLike) else sources
     request = Request(
         sources=tuple(map(os.path.abspath, listed)),
-        methods=tuple(dict.fromkeys(map(known_variant, methods))),
+        methods=tuple(dict.fromkeys(map(variant_key, methods))),
         window=window if math.isfinite(window) else None,
         case=case,
         model=following_model(script.run() if script else path).key,
@@ -287,7 +287,7 @@ class _Batch:
         is_ended = first is None or self._work(chain([first], jobs), should_stop)
         self._study.note(replace(self._request, is_finished=is_ended))
         named = {row["name"] for row in read_rows(self._study.folder) if row["make"]}
-        self._now.unknown_names = tuple(sorted(name for name in named if not is_known(name)))
+        self._now.unknown_names = tuple(sorted(name for name in named if not is_listed_name(name)))
         self._now.stopped = not is_ended
         if is_ended:
             self._now.share = 1.0

@@ -88,14 +88,14 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
                     f" ({answer or 'their process died'}); ask for fewer, or try again when it is"
                     " less busy."
                 )
-            known = json.loads(answer)
+            endpoint = json.loads(answer)
             security = Security(
                 require_encryption=True,
-                tls_ca_file=known["certificate"],
-                tls_client_cert=known["certificate"],
-                tls_client_key=known["key"],
+                tls_ca_file=endpoint["certificate"],
+                tls_client_cert=endpoint["certificate"],
+                tls_client_key=endpoint["key"],
             )
-            with _client(known["address"], WORKERLESS, security) as client:
+            with _client(endpoint["address"], WORKERLESS, security) as client:
                 yield client
         finally:
             process.stdin.close()
@@ -259,12 +259,12 @@ def serve(workers: int) -> None:
                 silence_logs=50,
             ) as cluster,
         ):
-            known = {
+            endpoint = {
                 "address": cluster.scheduler_address,
                 "certificate": security.tls_client_cert,
                 "key": security.tls_client_key,
             }
-            os.write(answer, f"{json.dumps(known)}\n".encode())
+            os.write(answer, f"{json.dumps(endpoint)}\n".encode())
             sys.stdin.read()
     except (OSError, RuntimeError, TimeoutError, ImportError) as fault:
         os.write(answer, f"{_first_line(fault)}\n".encode())

@@ -15,7 +15,7 @@ Beta(S + 1/2, V - S + 1/2) (Jeffreys); the interval has the quantiles of this mi
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,13 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.inference.population import WITHIN, Car, sampled_population
 from accpinn.inference.typical import car_of
 from accpinn.inference.window_posterior import DRAWS, STABILITY_DRAWS
+from accpinn.methods import one_thread
 from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_by_duration
-from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.stability.criteria import exact_margin, l2_margin, peaks
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
@@ -103,6 +104,17 @@ class Group:
         """Whether its windows hold a speed; what is said of another is extrapolated."""
         low, high = self.driven
         return not (speed < low or speed > high)
+
+    @cached_property
+    def growth(self) -> Quantity:
+        """The largest gain max |H| over all frequencies; 1 where none is amplified."""
+        middle, typical, _ = self._parts
+        if not np.isfinite(middle.complete).all():
+            return Quantity(np.nan, np.nan, np.nan)
+        drawn = peaks(typical[:: max(1, len(typical.alpha) // STABILITY_DRAWS)]).gain
+        low, high = interval_ends(drawn, self.level)
+        value = float(peaks(middle).gain)  # of a mean, so it may lie just outside
+        return Quantity(value, min(float(low), value), max(float(high), value))
 
     @cached_property
     def between_windows(self) -> dict[str, Quantity]:
@@ -173,6 +185,15 @@ class Groups:
     """Level of all intervals but the quartiles."""
     groups: tuple[Group, ...]
 
+    def ranked(self, speed: MetresPerSecond) -> "Groups":
+        """The groups by their time gap at a speed, those that drive it before extrapolated ones."""
+
+        def place(part: Group) -> tuple[bool, float]:
+            gap = part.time_gap(speed).value
+            return not part.is_driven(speed), gap if np.isfinite(gap) else np.inf
+
+        return replace(self, groups=tuple(sorted(self.groups, key=place)))
+
     def to_frame(self) -> pd.DataFrame:
         """One row a group, as `Result.to_frame` has one a follower.
 
@@ -224,6 +245,7 @@ def read_study(study: str | Path) -> pd.DataFrame:
     return frame
 
 
+@one_thread
 def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> Groups:
     """Group the estimates of a batch.
 

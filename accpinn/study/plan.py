@@ -1,4 +1,4 @@
-"""What a batch takes: files, and in each recording complete stretches in ACC car-following.
+"""The plan of a batch: files, and in each recording complete stretches in ACC car-following.
 
 A follower qualifies at an instant where
 
@@ -37,13 +37,10 @@ from accpinn.recordings import (
     ValuesOutOfRange,
     Window,
 )
-from accpinn.recordings.consistency import (
-    AGREEMENT_LIMIT,
-    GapContradictsSpeeds,
-    Inconsistency,
-    agreement,
-)
+from accpinn.recordings.consistency import AGREEMENT_LIMIT
 from accpinn.recordings.files import read_all
+from accpinn.recordings.inconsistency import GapContradictsSpeeds, Inconsistency
+from accpinn.recordings.increments import agreement
 from accpinn.segment import time_gaps
 from accpinn.segment.cut import (
     DURATION,
@@ -110,7 +107,7 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
 
 
 def contradictions(recording: Recording) -> list[Inconsistency]:
-    """What the gaps of followers have against the speeds."""
+    """Contradictions between followers' gaps and speeds."""
     unlike = (finding for finding in recording.findings if isinstance(finding, Inconsistency))
     return [finding for finding in unlike if finding.is_contradiction]
 
@@ -118,12 +115,13 @@ def contradictions(recording: Recording) -> list[Inconsistency]:
 def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator[Finding]:
     """Why followers have no window, where it is for their data."""
     followers = {number for place in planned for number in place.vehicles[1:]}
-    yield from (found for found in contradictions(recording) if found.follower not in followers)
+    unlike = contradictions(recording)
+    yield from (finding for finding in unlike if finding.follower not in followers)
     if not planned:
         yield from (
-            found
-            for found in recording.findings
-            if isinstance(found, ValuesOutOfRange) and found.is_above
+            finding
+            for finding in recording.findings
+            if isinstance(finding, ValuesOutOfRange) and finding.is_above
         )
 
 
@@ -211,14 +209,14 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
     rows = recording.rows(window)
     by_flag = "flag" if recording.acc_flag == ACC_FLAG else ""
     followers = np.array(vehicles[1:]) - 1
-    known = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
-    sources = tuple("driver" if by_driver else by_flag for by_driver in known)
+    is_acc = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
+    sources = tuple("driver" if by_driver else by_flag for by_driver in is_acc)
     return PlannedWindow(tuple(vehicles), window, sources)
 
 
 @dataclass(frozen=True)
 class Listing:
-    """What a batch finds among its sources."""
+    """The files of a batch's sources, and those it leaves out."""
 
     files: list[Path]
     """Each once, those of a folder in the order of their names."""
@@ -274,7 +272,7 @@ def _files_below(folder: Path, refused: dict[Path, str]) -> list[Path]:
     files, root = [], folder.resolve()
     for place, _, names in os.walk(folder, onerror=unread):
         for path in (Path(place, name) for name in names):
-            if path.suffix.lower() not in ENDINGS or _is_note(path) or not path.is_file():
+            if path.suffix.lower() not in ENDINGS or is_note(path) or not path.is_file():
                 continue
             if not is_text(path):
                 refused[path] = NO_TEXT
@@ -285,7 +283,7 @@ def _files_below(folder: Path, refused: dict[Path, str]) -> list[Path]:
     return sorted(files)
 
 
-def _is_note(path: Path) -> bool:
+def is_note(path: Path) -> bool:
     """Whether a text accompanies the runs and is none."""
     return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")
 
@@ -295,7 +293,7 @@ def _is_note(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class BatchEstimate:
-    """What a batch will come to."""
+    """The expected size and duration of a batch."""
 
     files: int
     windows: float
@@ -307,16 +305,13 @@ class BatchEstimate:
     """Whether all files were read."""
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
-        """How long it takes, to within a factor of two or so, with so many workers at a time."""
-        window = sum(map(_typical_seconds, methods))
+        """The duration with so many workers at a time, to within a factor of about two."""
+        window = 0.0
+        for key, config in map(variant_of, methods):
+            method = METHODS[key]
+            has_posterior = method.posterior(config.to_json() if config else {}) is not None
+            window += method.typical_seconds + (INTERVALS_SECONDS if has_posterior else 0.0)
         return START + WITHOUT_BLOCKS * window * self.size / workers
-
-
-def _typical_seconds(name: str) -> Seconds:
-    """Those of a method in `VARIANTS`, with its intervals where it has some."""
-    key, config = variant_of(name)
-    kind = METHODS[key].posterior(config.to_json() if config else {})
-    return METHODS[key].typical_seconds + (INTERVALS_SECONDS if kind else 0.0)
 
 
 def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:

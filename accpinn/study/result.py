@@ -46,12 +46,13 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import time_gap
 from accpinn.recordings import Facts, Recording, ValuesOutOfRange, facts_of
-from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.mapped import UnitContradictsHeader
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response, transfer_function
+from accpinn.stability.margin import Margins, margins
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.study import Analysis
 from accpinn.study.judge import Judgement
@@ -360,6 +361,41 @@ class Result(Displayed):
             return stability_report(self.parameters)
         except ParameterError:
             return None
+
+    @checked_method
+    def margin(self, speed: float | None = None) -> Margins:
+        """How much time gap separates each follower, and the platoon, from string stability.
+
+        Args:
+            speed: in m/s; by default that at which the estimate states its time gaps, and under a
+                model that is no CTHP each follower's median speed. Such a model is linearised
+                there.
+
+        Raises:
+            ParameterError: for a speed at which a follower has no equilibrium, or that is none.
+
+        Examples:
+            >>> import accpinn
+            >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-3", method="splines")
+            >>> result.margin(25.0).to_frame().state_l2.tolist()
+            ['too_short', 'too_short']
+        """
+        found, known = self.estimate, self.uncertainty
+        model, parameters = found.following, self.parameters
+        draws = known.draws if known else None
+        if speed is not None and not (np.isfinite(speed) and speed > 0):
+            raise ParameterError(f"speed: {speed:g} m/s is not allowed; choose one above zero.")
+        at: Any = found.stated_speed if speed is None else speed
+        if not model.is_linear and speed is None:
+            at = found.speeds
+        elif not model.is_linear:
+            for row in parameters.nonlinear:
+                model.linearised(row, at)
+            parameters = model.linearisations(parameters.nonlinear.T, at)
+            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), at)
+        level = known.level if known else LEVEL
+        about = self.info
+        return margins(parameters, at, draws, level, about.names[1:], about.vehicles[1:])
 
     @cached_property
     def simulated(self) -> tuple[Trajectories | None, ...]:

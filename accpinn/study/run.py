@@ -1,7 +1,8 @@
 """`run`: the only way from an `Analysis` to its `Result`.
 
-The method finds the point; where its estimates have a posterior, intervals follow in a phase of
-their own. Whoever watches is given the point in between.
+The method finds the point; where its estimates have a posterior, intervals follow in phases of
+their own. Whoever watches is given the point in between, and with every moment the time left until
+all phases are over.
 """
 
 from collections.abc import Sequence
@@ -11,9 +12,17 @@ from itertools import combinations
 from time import perf_counter
 
 from accpinn.errors import SegmentError
-from accpinn.inference.typical import with_posterior
+from accpinn.inference.typical import posterior_phases, with_posterior
 from accpinn.methods import Segments, TaskContext
-from accpinn.methods.estimate import CacheProblem, Estimate, History, Outcome, Progress
+from accpinn.methods.estimate import (
+    CacheProblem,
+    Estimate,
+    History,
+    OnProgress,
+    Outcome,
+    Progress,
+)
+from accpinn.methods.forecast import CHECKS, Forecast, Phase
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
@@ -23,6 +32,7 @@ from accpinn.segment.cut import SLACK
 from accpinn.study import Analysis, Source
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
+from accpinn.units import Seconds
 
 
 def run(
@@ -54,22 +64,28 @@ def run(
     """
     problems: list[str] = []
     segments = segments or analysis.segments(recording)
-    known = store.find(analysis, problems.append) if store else None
-    if known:
-        cached = replace(known.estimate, cached=True)
-        result = replace(known, estimate=cached).on(segments, recording)
+    stored = store.find(analysis, problems.append) if store else None
+    if stored:
+        cached = replace(stored.estimate, cached=True)
+        result = replace(stored, estimate=cached).on(segments, recording)
     else:
         if store and analysis.checkpoint_key:
             checkpoints = store.checkpoints(analysis, problems.append)
             context = replace(context or TaskContext(), checkpoints=checkpoints)
+        context = context or TaskContext()
+        if watched := context.on_progress:
+            phases = _phases(analysis, segments, context, recording)
+            context = replace(context, on_progress=_with_time_left(watched, Forecast(phases)))
         found = estimate(analysis, segments, context=context)
         result = result_of(analysis, segments, found, recording)
+        if context.with_checks:
+            _check(result, context)
         if store and found.is_finished:
             store.keep(result, problems.append)
     if not problems:
         return result
-    told = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
-    findings = (*result.estimate.findings, *told)
+    cache_problems = tuple(CacheProblem(sentence) for sentence in dict.fromkeys(problems))
+    findings = (*result.estimate.findings, *cache_problems)
     return replace(result, estimate=replace(result.estimate, findings=findings))
 
 
@@ -92,30 +108,24 @@ def estimate(
         return point
     started = perf_counter()
 
-    def told(done: int) -> None:
+    def told(phase: str, done: int, steps: int) -> None:
         if context.on_progress and point.history:
-            took = perf_counter() - started
-            left = took * (len(segments) - done) / done if done else None
-            context.on_progress(
-                _moment(point, point.history, done, len(segments), point.seconds + took, left)
-            )
+            seconds = point.seconds + perf_counter() - started
+            context.on_progress(_moment(phase, point.history, done, steps, seconds))
 
-    told(0)
-    found = with_posterior(point, segments, kind, on_window=told, should_stop=context.should_stop)
+    found = with_posterior(point, segments, kind, on_step=told, should_stop=context.should_stop)
     if found.posterior is None:
         return replace(found, outcome=Outcome.STOPPED)
     return replace(found, seconds=point.seconds + perf_counter() - started)
 
 
-def _moment(
-    point: Estimate, history: History, done: int, windows: int, seconds: float, left: float | None
-) -> Progress:
-    """A moment of the phase in which intervals are computed, after the point."""
+def _moment(phase: str, history: History, done: int, steps: int, seconds: Seconds) -> Progress:
+    """A moment of a phase that follows when the point is known."""
     likelihood = history.log_likelihood
     return Progress(
-        phase="intervals",
+        phase=phase,
         iteration=done,
-        iterations=windows,
+        iterations=steps,
         seconds=seconds,
         total=float(history.total[-1]),
         data=float(history.data[-1]),
@@ -124,11 +134,42 @@ def _moment(
         parameters=history.parameters[-1],
         log_likelihood=0.0 if likelihood is None else float(likelihood[-1]),
         deviations=None if history.deviations is None else history.deviations[-1],
-        left=left,
     )
 
 
-def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
+def _check(result: Result, context: TaskContext) -> None:
+    """Compute what a page shows beside the estimate."""
+    found = result.estimate
+    if context.on_progress and found.history:
+        context.on_progress(_moment(CHECKS, found.history, 0, 1, found.seconds))
+    _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
+
+
+def _phases(
+    analysis: Analysis, segments: Segments, context: TaskContext, recording: Recording | None
+) -> dict[str, Phase]:
+    """All phases of a training, in their order."""
+    method, spec = METHODS[analysis.method], analysis.spec
+    kind = method.posterior(analysis.settings)
+    phases = dict(method.phases(segments, analysis.config, spec)) if method.phases else {}
+    phases |= posterior_phases(segments, spec, kind) if kind else {}
+    if context.with_checks:
+        # Each follower behind the measured one ahead, the platoon, and the platoon outside.
+        samples = sum(segment.samples for segment in segments)
+        outside = recording.samples if recording else 0
+        drawn = samples * (1 + segments[0].followers) + outside
+        seconds = 0.02 + drawn * (1e-7 if spec.following.is_linear else 6e-5)
+        seconds += segments[0].followers * (0.07 + 0.02 * len(segments)) if kind else 0.0
+        phases[CHECKS] = Phase(1, seconds)
+    return phases
+
+
+def _with_time_left(watched: OnProgress, forecast: Forecast) -> OnProgress:
+    """Who watches is told the time left, too."""
+    return lambda now: watched(forecast.of(now))
+
+
+def analysis_of(segments: Sequence[Segment], analysis: Analysis) -> Analysis:
     """The question of an analysis asked of windows that were cut already, also of several runs.
 
     The windows have the same vehicles in the same order, with the same step in time. The first
@@ -137,8 +178,8 @@ def analysis_of(segments: Sequence[Segment], asked: Analysis) -> Analysis:
     first = segments[0].info
     data = sha256(" ".join(segment.info.digest for segment in segments).encode())
     return replace(
-        asked,
-        source=Source(first.source, first.sha256, None, data.hexdigest(), asked.source.mapping),
+        analysis,
+        source=Source(first.source, first.sha256, None, data.hexdigest(), analysis.source.mapping),
         vehicles=first.vehicles,
         windows=tuple(segment.window for segment in segments),
         excluded=first.excluded_regimes,

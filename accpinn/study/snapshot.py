@@ -473,7 +473,7 @@ def _check_estimate(estimate: Estimate, result: Result) -> None:
     lengths = _lengths(info) | {"W": count}
     for part in (estimate, estimate.posterior, estimate.history, estimate.track):
         _check_fields(part, dict(lengths))
-    width = estimate.parameters.own.shape[-1]
+    width = estimate.parameters.nonlinear.shape[-1]
     own = 0 if estimate.following.is_linear else len(estimate.names)
     _require(width == own, "its parameters are another model's")
     values = estimate.parameters.values
@@ -485,7 +485,7 @@ def _check_estimate(estimate: Estimate, result: Result) -> None:
         _require(0 < posterior.level < 1, "a level is not between 0 and 1")
         there = ~np.isnan(estimate.parameters.alpha) & ~np.isnan(posterior.typical.alpha[0])
         for sets in (estimate.parameters[None], posterior.typical):
-            _require(sets.own.shape[-1] == width, "its draws have other parameters")
+            _require(sets.nonlinear.shape[-1] == width, "its draws have other parameters")
             if there.any():
                 checked(sets[:, there])
 

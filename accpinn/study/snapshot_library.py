@@ -1,17 +1,25 @@
 """The library of a server's snapshots, by the first digits of their digests.
 
 A shelf (`store.py`) that loses nothing: it refuses what it has no room for, and only a user
-deletes, which for a day can be undone.
+deletes, which for a day can be undone. Beside a snapshot stands how this library's own server
+verified it. That is bound to the checksum of the file and to the version of accpinn, so that
+neither a changed file nor another version has it; what a file says of itself is no evidence.
 """
 
 import os
 import time
 from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
+import msgspec
+
+from accpinn import __version__
 from accpinn.arguments import checked_method
 from accpinn.errors import SnapshotError
-from accpinn.storage import UNFINISHED, folder, reported, variable
+from accpinn.serial import dump, restore
+from accpinn.storage import UNFINISHED, folder, reported, variable, write_whole
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, to_bytes, write_file
 from accpinn.study.store import (
@@ -24,13 +32,27 @@ from accpinn.study.store import (
     unknown,
     write_owner,
 )
+from accpinn.study.verification import Verification
 from accpinn.units import Seconds
 
+VERIFIED = ".verified"
+"""Ending of the file beside a snapshot that says how it was verified."""
 RESTORABLE: Seconds = 24 * 3600.0
 UNDONE = 20
 """Snapshots deleted last, which can be brought back for longer."""
 LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
 """Caps on the library; a result of 300 s takes about 0.5 MB."""
+
+
+@dataclass(frozen=True)
+class KeptVerification:
+    """A verification, and the file that it is of."""
+
+    sha256: str
+    """Checksum of the snapshot's file."""
+    state: str
+    """Time and size of that file: the checksum is computed anew only where they changed."""
+    verification: Verification
 
 
 class Library(Shelf):
@@ -121,6 +143,34 @@ class Library(Shelf):
         self._check_room(deleted.stat().st_size)
         os.replace(deleted, path)
 
+    def verification(self, name: str) -> Verification | None:
+        """How a snapshot was verified here; None for one that was not, or has changed since."""
+        path = self.path(name)
+        try:
+            tree = msgspec.json.decode(_verified_path(path).read_bytes())
+            kept = restore(KeptVerification, tree, {})
+            is_same = state_of(path) == kept.state or _checksum(path) == kept.sha256
+        except (OSError, ValueError, TypeError):
+            return None
+        return kept.verification if is_same and kept.verification.accpinn == __version__ else None
+
+    def keep_verification(self, result: Result, verification: Verification) -> None:
+        """Keep how a snapshot was verified; nothing happens where that cannot be written.
+
+        A failure takes the place of whatever stands there, anything else that of what compared
+        no more numbers; nothing is kept of one that compared none. A file that was changed or
+        deleted meanwhile gets nothing.
+        """
+        path, earlier = self.path(result.id), self.verification(result.id)
+        least = earlier.numbers if earlier else 1
+        if verification.ok is not False and verification.numbers < least:
+            return
+        with suppress(OSError, SnapshotError):
+            state, checksum = state_of(path), _checksum(path)
+            if self.read(result.id).digest == result.digest:
+                kept = KeptVerification(checksum, state, verification)
+                write_whole(_verified_path(path), msgspec.json.encode(dump(kept)[0]))
+
     def _sweep(self) -> None:
         """Remove what was deleted long ago, and what killed processes have left behind.
 
@@ -137,6 +187,7 @@ class Library(Shelf):
                         snapshot = path.with_suffix(Path(SUFFIX).suffix)
                         if not snapshot.exists():
                             owner_path(snapshot).unlink(missing_ok=True)
+                            _verified_path(snapshot).unlink(missing_ok=True)
 
     def _check_room(self, size: int) -> None:
         sizes = []
@@ -149,3 +200,11 @@ class Library(Shelf):
                 f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
                 " again."
             )
+
+
+def _verified_path(path: Path) -> Path:
+    return path.with_name(f"{path.name}{VERIFIED}")
+
+
+def _checksum(path: Path) -> str:
+    return sha256(path.read_bytes()).hexdigest()

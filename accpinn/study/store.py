@@ -20,7 +20,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import isfinite
+from math import nan
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -47,6 +47,8 @@ SET_ASIDE = ".damaged"
 OWNER = ".owner"
 """Ending of the file beside another that says whose it is."""
 STATE = ".state.npz"
+ENTRIES = 2
+"""Version of the entries in the index, which are made again where they are of another one."""
 DELETED = ".deleted"
 """Ending of a file that can still be brought back."""
 ABANDONED: Seconds = 3600.0
@@ -74,10 +76,13 @@ T = TypeVar("T")
 Say = Callable[[str], object]
 """Takes a sentence for the user: what was set aside, or could not be read or written."""
 
+SHORT_ID = 6
+"""Least number of letters by which a search finds an id."""
+
 
 @dataclass(frozen=True)
 class Entry:
-    """What a list of results shows of one."""
+    """One result's row in a list."""
 
     id: str
     """Name of its file: a key in the cache, the first digits of the digest in the library."""
@@ -92,7 +97,7 @@ class Entry:
     campaign: str = ""
     """Campaign of the recording; empty where it is not known."""
     window: str = ""
-    """As "0-300 s"."""
+    """The window in words: "0-300 s"."""
     vehicles: tuple[str, ...] = ()
     """Labels, leader first."""
     numbers: tuple[int, ...] = ()
@@ -108,8 +113,11 @@ class Entry:
     lower: tuple[tuple[float, float, float], ...] = ()
     """Lower ends of their intervals; empty where these were not computed."""
     upper: tuple[tuple[float, float, float], ...] = ()
-    time_gap: Quantity | None = None
-    """That of the first follower, in s at ``speed``; None where it has none."""
+    time_gaps: tuple[Quantity, ...] = ()
+    """Those of the followers, in s at ``speed``, with intervals; all nan where one has none. One
+    alone where all share their parameters; so are the next."""
+    growths: tuple[Quantity, ...] = ()
+    """max |H| of each; all nan where it is not determined."""
     speed: MetresPerSecond = 0.0
     fault: str = ""
     """Why it cannot be read; empty where it can."""
@@ -120,7 +128,8 @@ class Entry:
         info, found = result.info, result.estimate
         posterior = found.posterior
         lower, upper = map(_rows, interval_ends_of(posterior)) if posterior else ((), ())
-        gap = found.time_gap(found.stated_speed, 0)
+        count = 1 if info.shares(found.case) else info.followers
+        gaps = [found.time_gap(found.stated_speed, k) for k in range(count)]
         return cls(
             id=name,
             name=result.name,
@@ -139,16 +148,36 @@ class Entry:
             parameters=_rows(result.parameters),
             lower=lower,
             upper=upper,
-            time_gap=Quantity(gap.value, gap.lower, gap.upper) if isfinite(gap.value) else None,
+            time_gaps=tuple(Quantity(gap.value, gap.lower, gap.upper) for gap in gaps),
+            growths=_growths(result)[:count],
             speed=found.stated_speed,
         )
 
     @property
     def words(self) -> str:
-        """All that a search looks at, in lower case."""
+        """All that a search looks at, beside the beginning of `id`, in lower case."""
         parts = (self.name, self.note, self.source, self.campaign, self.window, self.method,
-                 self.preset, self.model, self.id, self.created[:10], *self.vehicles)  # fmt: skip
+                 self.preset, self.model, self.created[:10], *self.vehicles)  # fmt: skip
         return " ".join(parts).casefold()
+
+    def matches(self, words: str) -> bool:
+        """Whether it has all of these words."""
+        terms = words.casefold().split()
+        begins = [len(term) >= SHORT_ID and self.id.startswith(term) for term in terms]
+        return all(begun or term in self.words for term, begun in zip(terms, begins, strict=True))
+
+
+def _growths(result: Result) -> tuple[Quantity, ...]:
+    """The largest gain of each follower, with its interval where there are posterior samples."""
+    report, known = result.stability, result.uncertainty
+    if report is None:
+        return (Quantity(nan, nan, nan),) * result.info.followers
+    gains = np.array([vehicle.peak.gain for vehicle in report.vehicles])
+    if known is None:
+        return tuple(Quantity(gain, nan, nan) for gain in gains.tolist())
+    gains = np.where(np.isnan(known.probability_l2), nan, gains)
+    ends = known.peak_gain.lower.tolist(), known.peak_gain.upper.tolist()
+    return tuple(map(Quantity, gains.tolist(), *ends))
 
 
 def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:
@@ -163,7 +192,7 @@ class Shelf:
         self.folder, self.cap_bytes = place, cap_bytes
 
     def path(self, name: str) -> Path:
-        """Where a result lies; a name that is none never becomes a path.
+        """The path of a result's file; only a valid name becomes a path.
 
         Raises:
             SnapshotError: for what is no name.
@@ -173,7 +202,7 @@ class Shelf:
         return self.folder / f"{name}{SUFFIX}"
 
     def has(self, name: str) -> bool:
-        """Whether a file of that name is there, damaged or not."""
+        """Whether a file of that name exists, damaged or not."""
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
@@ -186,9 +215,8 @@ class Shelf:
             paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         except OSError:  # as without file descriptors; what the index knows may still be there
             return ()
-        asked = words.casefold().split()
         entries = self._transact(partial(self._entries, paths, session)) or ()
-        chosen = [entry for entry in entries if all(word in entry.words for word in asked)]
+        chosen = [entry for entry in entries if entry.matches(words)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
 
     def _entries(
@@ -200,18 +228,23 @@ class Shelf:
         if session:
             shown = index.execute("select name from shown where session = ?", (session,))
             paths = {name: paths[name] for (name,) in shown if name in paths}
-            asked = "select name, entry from shown_entries where session = ?"
-            as_shown = {name: _decoded(entry) for name, entry in index.execute(asked, (session,))}
+            query = "select name, entry from shown_entries where session = ?"
+            as_shown = {name: _decoded(entry) for name, entry in index.execute(query, (session,))}
         rows = index.execute("select name, state, entry from entries").fetchall()
-        known = {name: (state, entry) for name, state, entry in rows}
+        indexed = {name: (state, entry) for name, state, entry in rows}
         for name, path in paths.items():
             with suppress(OSError):  # deleted by another process just now
                 state = state_of(path)
-                then, content = known.get(name, ("", b""))
+                then, content = indexed.get(name, ("", b""))
                 entry = _decoded(content) if then == state else None
                 entry = entry or self._indexed(index, name, state)
-                entries[name] = (None if entry.fault else as_shown.get(name)) or entry
-        for name in () if session else known.keys() - paths.keys():
+                shown_entry = None if entry.fault else as_shown.get(name)
+                if shown_entry and not shown_entry.growths:  # of an earlier version
+                    shown_entry = replace(
+                        shown_entry, time_gaps=entry.time_gaps, growths=entry.growths
+                    )
+                entries[name] = shown_entry or entry
+        for name in () if session else indexed.keys() - paths.keys():
             if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
                 index.execute("delete from entries where name = ?", (name,))
         return tuple(entries.values())
@@ -262,7 +295,7 @@ class Shelf:
         return owner_of(self.path(name))
 
     def _transact(self, work: Callable[[sqlite3.Connection], T]) -> T | None:
-        """What ``work`` does with the index in one transaction; None where it cannot be read.
+        """Apply ``work`` to the index in one transaction; None where it cannot be read.
 
         A damaged index is set aside and made again. Where the fault is another, which may pass, the
         index stays as it is and the work is done on an empty one, which lasts for this call alone.
@@ -385,7 +418,7 @@ def _opened(place: Path | None) -> sqlite3.Connection:
 def state_of(path: Path) -> str:
     """Time and size of a file, by which the index knows that this version has read it."""
     status = path.stat()
-    return f"{SCHEMA} {status.st_mtime_ns} {status.st_size}"
+    return f"{SCHEMA}.{ENTRIES} {status.st_mtime_ns} {status.st_size}"
 
 
 def _decoded(content: bytes) -> Entry | None:
@@ -410,11 +443,11 @@ class Store(Shelf):
     def __init__(
         self, place: str | os.PathLike[str] | None = None, cap_bytes: int = CACHE_BYTES
     ) -> None:
-        """By default in the user's cache folder."""
+        """Open the store in a folder, by default in the user's cache folder."""
         super().__init__(folder("cache") if place is None else Path(place), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
-        """What was found for an analysis; None where nothing was."""
+        """The stored result of an analysis; None where there is none."""
         path = self.path(analysis.key)
         try:
             result = read(path.read_bytes())
@@ -491,18 +524,18 @@ class Store(Shelf):
         self._transact(keep)
 
     def session(self, session: str) -> bytes | None:
-        """What a session had open; None for one that is not known."""
+        """The document of an open session; None for one that is not stored."""
         document: bytes | None = self._ask("select document from sessions where name = ?", session)
         return document
 
     def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
         """Names of sessions that begin so, and what they have open, the last changed first."""
-        asked = (
+        query = (
             "select name, document from sessions where substr(name, 1, ?) = ?"
             " order by used desc limit ?"
         )
-        given = (len(prefix), prefix, most)
-        return tuple(self._transact(lambda index: index.execute(asked, given).fetchall()) or ())
+        arguments = (len(prefix), prefix, most)
+        return tuple(self._transact(lambda index: index.execute(query, arguments).fetchall()) or ())
 
     def record_shown(self, session: str, result: Result) -> None:
         """Keep a result, and record that a session has shown it."""
@@ -522,8 +555,8 @@ class Store(Shelf):
 
     def shown_as(self, session: str, name: str) -> Entry | None:
         """The entry of a result as a session has shown it; None where it has not."""
-        asked = "select entry from shown_entries where session = ? and name = ?"
-        content = self._ask(asked, session, name)
+        query = "select entry from shown_entries where session = ? and name = ?"
+        content = self._ask(query, session, name)
         return _decoded(content) if content else None
 
     # Files
@@ -546,7 +579,7 @@ class Store(Shelf):
         return True
 
     def refuse(self, name: str, fault: Exception, say: Say | None) -> None:
-        """Say why a file is of no use; the next one of its name takes its place."""
+        """Report why a file cannot be used; the next one of its name takes its place."""
         reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:160]
         follows = (
             "the training begins anew" if name.endswith(STATE) else "what it held is computed again"
@@ -578,7 +611,7 @@ class StoredCheckpoints:
     """The checkpoint of one training in the store, as `methods.Checkpoints` asks."""
 
     def __init__(self, store: Store, key: str, say: Say | None) -> None:
-        """Where it lies."""
+        """The checkpoint of a training by its key."""
         self._store, self._path, self._say = store, store.folder / f"{key}{STATE}", say
 
     def load(self, most: int) -> Checkpoint | None:
@@ -599,7 +632,7 @@ class StoredCheckpoints:
         self._store.write(self._path, packed.getvalue(), self._say)
 
     def reject(self, fault: Exception) -> None:
-        """Say that no training can go on from the state."""
+        """Report that no training can continue from the state."""
         self._store.refuse(self._path.name, fault, self._say)
 
     def drop(self) -> None:

@@ -44,6 +44,8 @@ from accpinn.units import FloatArray, Seconds
 FILE, RESULTS, FAILURES, SCHEMA, LOCK = (
     "study.sqlite", "results.parquet", "failures.csv", "schema.json", ".lock",
 )  # fmt: skip
+DROPPED = "recordings"
+"""The folder in a study with files that were handed over for it, until its batch has ended."""
 FORMAT = 6
 """Raised whenever an older program could not read the SQLite file, or the reverse."""
 PATIENCE: Seconds = 30.0

@@ -12,7 +12,7 @@ iterative training carries that on: there its numbers are compared with toleranc
 is not compared. A whole file proves nothing, as anyone can write one with a digest that fits.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
@@ -20,8 +20,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from accpinn import __version__
+from accpinn.channels import PARAMETERS
 from accpinn.errors import AccpinnError
 from accpinn.inference.intervals import SLACK
+from accpinn.methods import TaskContext
 from accpinn.methods.estimate import (
     CacheProblem,
     Continued,
@@ -35,9 +38,10 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Recording, facts_of
 from accpinn.segment import SegmentInfo, WindowMoved, WindowShortened
+from accpinn.segment.cut import MAX_FOLLOWERS
 from accpinn.serial import NOT_FINITE, dump, flatten, sanitise
 from accpinn.study.judge import judged_again, seconds_of
-from accpinn.study.result import Result
+from accpinn.study.result import Result, now
 from accpinn.study.run import estimate
 from accpinn.units import FloatArray, Seconds, interval_ends
 
@@ -72,8 +76,10 @@ determined less than the parameters: those of each window by itself, loss, distu
 SMALL = 1e-3
 """Difference of its disturbances, in m/s²."""
 FEATURED = {
-    "parameters.0.2": "τ {} s", "0.errors.gap_mae.0": "gap MAE {} m", "samples": "{} samples",
-}  # fmt: skip
+    f"parameters.{k}.{column}": f"{quantity.symbol} {{}} {quantity.unit} of follower {k + 1}"
+    for k in range(MAX_FOLLOWERS)
+    for column, quantity in enumerate(PARAMETERS)
+} | {"0.errors.gap_mae.0": "gap MAE {} m", "samples": "{} samples"}
 """Values that differ, in words by their places."""
 TITLES = {
     "estimate": "Estimate", "posterior": "Intervals", "holdout": "Hold-out",
@@ -127,6 +133,8 @@ class Check:
 
 MOST_NAMED = 2
 """Methods of a part that a sentence names; of more it tells the number."""
+MARKS = {True: "✓", False: "✗", None: "–"}
+"""What stands before a verification's sentence."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +142,10 @@ class Verification:
     """All checks of a snapshot."""
 
     checks: tuple[Check, ...]
+    created: str = ""
+    """When they were made: ISO 8601 in UTC."""
+    accpinn: str = ""
+    """The version of accpinn that made them."""
 
     @property
     def ok(self) -> bool | None:
@@ -153,30 +165,65 @@ class Verification:
         return tuple(check for check in self.checks if check.state == "not checked")
 
     @property
-    def sentence(self) -> str:
-        """The first difference, or what agrees and what was not checked."""
-        for check in self.checks:
-            if not check.ok:
-                return f"{check.title}: {check.sentence}"
-        said = []
-        for state in ("reproduced", "not checked"):
-            titles = list[str]()
-            for part in dict.fromkeys(check.part for check in self.checks):
-                every = [check for check in self.checks if check.part == part]
-                those = [check.title for check in every if check.state == state]
-                many = [f"{TITLES[part]} ({len(those)} of {len(every)})"]
-                titles += many if len(those) > MOST_NAMED else dict.fromkeys(those)
-            if titles:
-                said.append(f"{state.capitalize()}: {', '.join(titles)}.")
-        return " ".join(said)
+    def numbers(self) -> int:
+        """How many numbers were computed again."""
+        return sum(check.numbers for check in self.checks)
 
     @property
-    def counted(self) -> str:
-        """How many of the stored numbers agree: "412 of 412 numbers agree; 2 parts not checked"."""
-        numbers, left = sum(check.numbers for check in self.checks), len(self.unchecked)
-        agreeing = numbers - sum(check.differing for check in self.checks)
-        open_parts = f"; {left} part{'s' * (left > 1)} not checked" if left else ""
-        return f"{agreeing:,} of {numbers:,} numbers agree{open_parts}"
+    def has_recording(self) -> bool:
+        """Whether the data were compared with the recording."""
+        return self._is_reproduced("data", "info")
+
+    @property
+    def sentence(self) -> str:
+        """The outcome: what differs first, or how many numbers agree and what was not checked."""
+        for check in self.checks:
+            if not check.ok:
+                return f"Verification failed. {check.title}: {check.sentence}"
+        agree = f"{self.numbers:,} of {self.numbers:,} numbers computed again agree"
+        if self.ok:
+            return f"Verified: {agree}."
+        if not self.numbers:
+            why = self.unchecked[0].reason if self.unchecked else "nothing was asked for"
+            return f"Not verified: nothing was computed again, as {why}."
+        left = ", ".join(self._titles(check for check in self.unchecked if check.part != "data"))
+        return f"Verified in part: {agree}; not checked: {left}."
+
+    @property
+    def brief(self) -> str:
+        """The mark with its number, for a list."""
+        differing = sum(check.differing for check in self.checks)
+        words = {True: "verified", False: "differ", None: "in part"}[self.ok]
+        counted = f"{differing if self.ok is False else self.numbers:,} {words}"
+        return f"{MARKS[self.ok]} {'differs' if self.ok is False and not differing else counted}"
+
+    @property
+    def mark(self) -> str:
+        """The sentence behind its mark."""
+        return f"{MARKS[self.ok]} {self.sentence}"
+
+    @property
+    def how(self) -> str:
+        """What was done, when, and by which version."""
+        done = ["methods run again"] * self._is_reproduced("estimate")
+        done += ["data compared with the recording"] * self.has_recording
+        when = f"{self.created[:16].replace('T', ' ')} UTC" if self.created else ""
+        version = f"accpinn {self.accpinn}" if self.accpinn else ""
+        return ", ".join(filter(None, (when, version, " and ".join(done))))
+
+    def _is_reproduced(self, *parts: str) -> bool:
+        every = {check.part for check in self.checks if check.state == "reproduced"}
+        return not every.isdisjoint(parts)
+
+    def _titles(self, checks: Iterable[Check]) -> list[str]:
+        """Names of parts, each once, and of many compared methods their number."""
+        titles, those = list[str](), [*checks]
+        for part in dict.fromkeys(check.part for check in those):
+            named = [check.title for check in those if check.part == part]
+            total = sum(check.part == part for check in self.checks)
+            many = [f"{TITLES[part]} ({len(named)} of {total})"]
+            titles += many if len(named) > MOST_NAMED else dict.fromkeys(named)
+        return titles
 
 
 def verify(
@@ -186,6 +233,7 @@ def verify(
     refit_within: Seconds = PATIENCE,
     on_refit: Callable[[str, Seconds], None] | None = None,
     own_only: bool = False,
+    context: TaskContext | None = None,
 ) -> Verification:
     """Run the analysis of a snapshot again, and compare.
 
@@ -196,6 +244,7 @@ def verify(
             snapshot's own method first. See `PATIENCE`, `PROMPT` and `HOWEVER_LONG`.
         on_refit: called with the title and the expected seconds of each method before it is run.
         own_only: whether all but the snapshot's own estimate is left out.
+        context: progress and stop of the methods; what is stopped ends the verification early.
     """
     checks: list[Check] = []
     whole, left = result, refit_within
@@ -214,14 +263,16 @@ def verify(
                 left -= seconds
                 if on_refit:
                     on_refit(METHODS[subject.analysis.method].title, seconds)
-            checks += _of_subject(subject, name, may_refit)
+            checks += _of_subject(subject, name, may_refit, context)
+            if context and context.is_stopped:
+                break
         if result.judgements and not own_only:
             checks.append(_judged(whole, left))
     if recording is None and not own_only and result.analysis.source.sha256:
         digest = result.analysis.source.sha256
         reason = f"that takes the recording {result.info.source} (SHA-256 {digest[:16]}…)"
         checks.append(Check("data", "not checked", reason=reason, cure="--recording"))
-    return Verification(tuple(checks))
+    return Verification(tuple(checks), now(), __version__)
 
 
 def _judged(whole: Result, left: Seconds) -> Check:
@@ -266,7 +317,9 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
     return checks
 
 
-def _of_subject(subject: Result, name: str, may_refit: bool) -> list[Check]:
+def _of_subject(
+    subject: Result, name: str, may_refit: bool, context: TaskContext | None
+) -> list[Check]:
     """The checks of the snapshot's own result, or of a compared method's."""
     if subject.estimate.outcome is Outcome.STOPPED:
         reason = "its training was stopped by hand"
@@ -276,15 +329,17 @@ def _of_subject(subject: Result, name: str, may_refit: bool) -> list[Check]:
         return [Check("estimate", "not checked", True, name, reason=reason, cure="--refit",
                       seconds=seconds)]  # fmt: skip
     try:
-        return _refit(subject, name)
+        return _refit(subject, name, context)
     except FAULTS as fault:  # what cannot be computed does not agree
         return [Check("estimate", "reproduced", False, name, reason=str(fault))]
 
 
-def _refit(subject: Result, name: str) -> list[Check]:
+def _refit(subject: Result, name: str, context: TaskContext | None) -> list[Check]:
     """Run the method again on the data, and without the parts held out."""
     method = METHODS[subject.analysis.method]
-    again = estimate(subject.analysis, subject.segments)
+    again = estimate(subject.analysis, subject.segments, context=context)
+    if context and context.is_stopped:
+        return [Check("estimate", "not checked", method=name, reason="it was stopped")]
     before, after = (
         replace(found, findings=_lasting(found), posterior=None)
         for found in (subject.estimate, again)

@@ -14,7 +14,7 @@ import gc
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,6 +30,7 @@ from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments, TaskContext, relative_size
 from accpinn.methods.estimate import Estimate, History, Outcome, Progress, Recorder
+from accpinn.methods.forecast import SETTLED
 from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import COMPARED, METHODS, variant_of
 from accpinn.model.cthp import Trajectories
@@ -40,13 +41,15 @@ from accpinn.study.comparison import Refused, compare, starts
 from accpinn.study.judge import Judgement, Subject, judge
 from accpinn.study.result import Result
 from accpinn.study.run import run
+from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
+from accpinn.study.verification import HOWEVER_LONG, Verification, verify
 from accpinn.units import Seconds
 
 _log = logging.getLogger(__name__)
 
-RATE_WINDOW: Seconds = 3.0
-"""The rate of iterations is that of the last seconds, as it can change."""
+OVERRUN = 0.25
+"""Least time left, as a share of the time since it was told: what takes longer is not soon over."""
 FORMS = "forms of the model"
 """The last part of a comparison."""
 FORMS_SECONDS: Seconds = 2.5
@@ -97,7 +100,7 @@ class Task(Generic[Found]):
             steps: the work.
             names: names of the results, in their order.
             weights: how long each result takes compared with the others, which the time left is
-                estimated from; empty for a task whose iterations have a rate.
+                estimated from; empty for a task that tells it itself.
             analysis: what a training answers; a task of an equal analysis is not run twice.
         """
         self.owner, self.kind, self.names, self.analysis = owner, kind, names, analysis
@@ -117,7 +120,9 @@ class Task(Generic[Found]):
         """All results so far, also those of a task that was stopped or failed."""
         self.recorder = Recorder()
         """The course of the running estimation, or of the latest one."""
-        self._recent = deque[Progress](maxlen=200)
+        self._latest: Progress | None = None
+        self._latest_at: Seconds = 0.0
+        """When that moment was told."""
         self._began: Seconds | None = None
         self.curves: Trajectories | None = None
         """The latest curves of the running estimation, in its first window."""
@@ -144,8 +149,7 @@ class Task(Generic[Found]):
     @property
     def progress(self) -> Progress | None:
         """The latest moment of the running estimation, None where it has reported none."""
-        with self._lock:
-            return self._recent[-1] if self._recent else None
+        return self._latest
 
     @property
     def current(self) -> str:
@@ -159,42 +163,38 @@ class Task(Generic[Found]):
         if self.latest is not None:
             return float(self.latest.share)
         with self._lock:
-            done, now = len(self.results), self._recent[-1] if self._recent else None
+            done, now, left = len(self.results), self._latest, self._left
         weights = self._weights or (1.0,) * len(self.names)
-        within = min(1.0, now.iteration / max(1, now.iterations)) if now else 0.0
+        within = 0.0
+        if now and left is not None:
+            spent = now.seconds + time.monotonic() - self._latest_at
+            within = spent / max(spent + left, 1e-9)
         running = within * weights[done] if done < len(weights) else 0.0
         return min(1.0, (sum(weights[:done]) + running) / sum(weights))
 
     @property
-    def rate(self) -> float | None:
-        """Iterations per second of the present phase; None before two moments of it are known."""
-        with self._lock:
-            recent = list(self._recent)
-        if not recent:
-            return None
-        last = recent[-1]
-        near = (m for m in recent if m.phase == last.phase)
-        first = next(m for m in near if last.seconds - m.seconds <= RATE_WINDOW)
-        elapsed = last.seconds - first.seconds
-        return (last.iteration - first.iteration) / elapsed if elapsed > 0 else None
-
-    @property
     def time_left(self) -> Seconds | None:
-        """Time until the end of its present phase, in s; None where nothing is known of it."""
+        """Time until its end, in s; None where nothing is known of it."""
         if self._weights:
             share = self.share
             if self._began is None or share <= 0:
                 return None
             return (time.monotonic() - self._began) * (1 - share) / share
-        now, rate = self.progress, self.rate
-        if now and now.left is not None:
-            return now.left
-        return (now.iterations - now.iteration) / rate if now and rate else None
+        with self._lock:
+            return self._left
+
+    @property
+    def _left(self) -> Seconds | None:
+        """Time left of the running estimation, since its latest moment told it."""
+        if self._latest is None or self._latest.left is None:
+            return None
+        since = time.monotonic() - self._latest_at
+        return max(self._latest.left - since, OVERRUN * since)
 
     def history(self) -> History | None:
         """The history of the running or latest estimation, None before its first moment."""
         with self._lock:
-            if isinstance(self.result, Result) and not self._recent:
+            if isinstance(self.result, Result) and not self._latest:
                 return self.result.history
             return self.recorder.history() if self.recorder else None
 
@@ -259,10 +259,10 @@ class Task(Generic[Found]):
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
-            if not self._recent and self.results:
+            if not self._latest and self.results:
                 self.recorder = Recorder()
-            self._recent.append(progress)
-            if self.point is None:  # later phases move nothing
+            self._latest, self._latest_at = progress, time.monotonic()
+            if progress.phase not in SETTLED:
                 self.recorder.add(progress)
             self.curves = progress.curves or self.curves
 
@@ -273,8 +273,7 @@ class Task(Generic[Found]):
     def _add(self, result: Found) -> None:
         with self._lock:
             self.results = (*self.results, result)
-            self.point = None
-            self._recent.clear()
+            self.point = self._latest = None
 
     def _is_complete(self) -> bool:
         results = [result for result in self.results if isinstance(result, Result)]
@@ -294,6 +293,7 @@ def get_ready() -> None:
     is kept from the collector. Linear algebra takes one thread each.
     """
     # Whole before PyTorch: it looks into what another thread has half imported, and a page fails.
+    import scipy.interpolate
     import scipy.stats  # noqa: F401
 
     from accpinn.methods.pinn import calibrated, fast  # noqa: F401  (with PyTorch)
@@ -498,9 +498,7 @@ def training_task(
         get_ready()
         if store and (state := store.stopped_state(analysis)):
             task.recorder.restore(state)
-        result = answered(context)
-        _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
-        yield result
+        yield answered(replace(context, with_checks=True))
 
     task = Task(owner, kind, steps, analysis=analysis)
     if store and store.find(analysis):
@@ -553,6 +551,21 @@ def judgement_task(
     weights = [len(model.parameters) ** 2 for model in following]
     titles = tuple(model.title for model in following)
     return Task(owner, "judgement of models", steps, titles, weights)
+
+
+def verification_task(
+    owner: str, snapshot: Result, recording: Recording | None, library: Library
+) -> Task[Verification]:
+    """The methods of a snapshot run again, and compared; the library keeps what came of it."""
+
+    def steps(context: TaskContext) -> Iterator[Verification]:
+        get_ready()
+        found = verify(snapshot, recording, refit_within=HOWEVER_LONG, context=context)
+        if not context.is_stopped:
+            library.keep_verification(snapshot, found)
+            yield found
+
+    return Task(owner, "verification", steps)
 
 
 @dataclass(frozen=True)

@@ -3,23 +3,28 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 
 from accpinn.errors import RecordingError
 from accpinn.methods import TaskContext
 from accpinn.recordings.download import Download, DownloadState, download
 from accpinn.recordings.openacc import PUBLISHED_AT, Run
 from accpinn.study.batch import BatchProgress, run_request
-from accpinn.study.studies import Request
+from accpinn.study.studies import DROPPED, Request
 from accpinn.tasks import Task
 
 
 def batch_task(owner: str, study: Path, request: Request) -> Task[BatchProgress]:
-    """A batch of estimations; its workers are processes of their own."""
+    """A batch of estimations; its workers are processes of their own.
+
+    Files that were handed over for it are removed once it has come to its end.
+    """
 
     def steps(context: TaskContext) -> Iterator[BatchProgress]:
         tell = partial(setattr, task, "latest")
         tell(run_request(study, request, tell, context.should_stop))
         if not task.latest.stopped:
+            rmtree(study / DROPPED, ignore_errors=True)
             yield task.latest
 
     task = Task(owner, "batch", steps)

@@ -28,11 +28,11 @@ from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, spread_of
 from accpinn.study.result import Result
 from accpinn.tasks import compared_seconds
-from accpinn.units import MetresPerSecond, nanmean
+from accpinn.units import nanmean
 from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
-from pages.ui.components.result import banner, show_estimate
+from pages.ui.components.result import banner
 from pages.ui.components.show import escape_markdown, pick, segments, select, tabs
 from pages.ui.session.resources import title_of_variant
 from pages.ui.session.workspace import TITLE_OF, Workspace
@@ -85,36 +85,35 @@ def show_page(workspace: Workspace) -> None:
     data = rows[0].segments if rows else workspace.segments
     about = st.empty()
     show.not_acc(data[0])
-    if segments("Compare", VIEWS, "methods", "compare_view", workspace) == "models":
+    with st.container(horizontal=True, vertical_alignment="center"):
+        view = segments("Compare", VIEWS, "methods", "compare_view", workspace)
+        place = st.container(horizontal=True, vertical_alignment="center", width="content")
+    if view == "models":
         models.show_models(workspace, about)
         return
     windows = [segment.window for segment in data]
     about.caption(frame.segment_line(data[0], workspace.asked.case, windows))
-    _controls(workspace, data)
+    with place:
+        _show_start(workspace, data)
     if task:
         monitor(task, lambda running: _show(workspace, data, running))
     elif rows:
         _show(workspace, data, running=False)
-    elif workspace.starts or workspace.earlier:
-        follower = pick(workspace, data[0].labels[1:], "compare_follower")
-        _show_repeatability(_Shown(workspace, data, (), follower))
+    else:
+        _show_before(workspace)
+        if workspace.starts or workspace.earlier:
+            follower = pick(workspace, data[0].labels[1:], "compare_follower")
+            _show_repeatability(_Shown(workspace, data, (), follower))
 
 
-def _controls(workspace: Workspace, data: Segments) -> None:
-    task, training = workspace.comparison, workspace.training
+def _show_start(workspace: Workspace, data: Segments) -> None:
+    """The button that starts the comparison, or stops it."""
+    task = workspace.comparison
     if task and task.is_active:
         stop_button(task, "Stop", "compare_stop")
         return
-    if task is None:
-        if training and training.is_active:
-            first = own_task_line(training, training.time_left)
-            st.caption(f"{first} The methods would run after it.")
-        st.markdown(
-            f"{len(COMPARED)} methods to estimate the same car, each with its errors, and other"
-            " forms of the model."
-        )
-    complete = task is not None and len(task.results) == len(task.names)
     takes = show.format_duration(sum(compared_seconds(data).values()))
+    complete = task is not None and len(task.results) == len(task.names)
     if not complete and st.button(
         f"Run all methods (about {takes})", type="primary", icon=":material/play_arrow:",
         key="compare_run",
@@ -123,28 +122,44 @@ def _controls(workspace: Workspace, data: Segments) -> None:
         st.rerun()
 
 
+def _show_before(workspace: Workspace) -> None:
+    """What a comparison will show, before there is one."""
+    training = workspace.training
+    if training and training.is_active:
+        first = own_task_line(training, training.time_left)
+        st.caption(f"{first} The methods would run after it.")
+    st.markdown(
+        f"{len(COMPARED)} methods estimate the same cars from the same windows: those of the"
+        " paper's model (α, β, τ), and those that estimate s₀ and d, too. Each gets its errors."
+    )
+
+
 def _show(workspace: Workspace, data: Segments, running: bool) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
     task, rows = workspace.comparison, workspace.compared
     if running:
         if rows:
-            show.table(tables.methods_table(rows, 0, recommended_of(rows)))
+            show.table(tables.compared_table(rows, 0, recommended_of(rows)))
         return
     outcomes = task.results if task else ()
     _show_failures([outcome for outcome in outcomes if isinstance(outcome, Refused)])
     if not rows:
         return
-    first = st.container()
-    follower = pick(workspace, data[0].labels[1:], "compare_follower")
-    shown = _Shown(workspace, data, workspace.compared_with_training(), follower)
-    with first:
-        if recommended := shown.recommended:
-            show_estimate(recommended)
-            st.markdown(f"**{escape_markdown(agreement(shown.rows, recommended))}**")
+    every = workspace.compared_with_training()
+    if recommended := recommended_of(every):
+        sentence, more = map(escape_markdown, agreement(every, recommended))
+        if sentence:
+            st.markdown(f"**{sentence}**", help=more or None)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        follower = pick(workspace, data[0].labels[1:], "compare_follower")
+        shown = _Shown(workspace, data, every, follower)
+        earlier = _choose_earlier(shown)
         label = "Next: which model describes these cars?"
         frame.ask_which_model(workspace, label, "compare_next", "tertiary")
+    _show_estimates(shown, earlier)
     tabs(workspace, "compare_tabs", {
-        "Summary": lambda: _show_summary(shown),
+        "Numbers": lambda: _show_numbers(shown),
+        "Errors": lambda: _show_errors(shown),
         "Curves": lambda: _show_course(shown),
         "Identifiability": lambda: _show_identifiability(shown),
         "Model adequacy": lambda: _show_adequacy(shown),
@@ -152,13 +167,37 @@ def _show(workspace: Workspace, data: Segments, running: bool) -> None:
     })  # fmt: skip
 
 
-def _show_summary(shown: _Shown) -> None:
-    """Where the estimates lie, and each method's errors."""
-    _show_estimates(shown)
-    table = tables.methods_table(shown.rows, shown.follower, shown.recommended)
-    show.table(table)
+def _show_estimates(shown: _Shown, earlier: Sequence[figures.Row]) -> None:
+    """Where the estimates of one follower lie, by the model that they are of."""
+    follower, recommended = shown.follower, shown.recommended
+    points = [figures.row_of(row, follower) for row in shown.rows if row is not recommended]
+    above = figures.row_of(recommended, follower) if recommended else None
+    show.chart(
+        figures.estimates(points, shown.colour, above, shown.truth, earlier), "compare_estimates"
+    )
+    level = 100 * (recommended.estimate.level or 0) if recommended else 0
+    interval = f"Shaded: the recommended {level:.0f} % interval; square: outside it." * bool(level)
+    parts = [interval, "Dashed: true value." * bool(shown.truth),
+             "Open diamonds: earlier estimates." * bool(earlier)]  # fmt: skip
+    show.caption(
+        " ".join(filter(None, parts)),
+        "Parameters of different models mean different things: beside an intercept s₀ τ is smaller,"
+        " and beside a delay d the gains are others. The time gap in the table can be compared.",
+    )
+
+
+def _show_numbers(shown: _Shown) -> None:
+    """The same as one table, each model's parameters in columns of their own."""
+    of = shown.rows, shown.follower, shown.recommended
+    show.table(tables.compared_table(*of))
+    show.downloads(tables.methods_table(*of), f"{shown.stem}_methods", "compare")
+
+
+def _show_errors(shown: _Shown) -> None:
+    """Each method's errors, and what happens in simulation by its parameters."""
+    of = shown.rows, shown.follower, shown.recommended
+    show.table(tables.compared_errors_table(*of))
     st.caption(_about_errors(shown))
-    show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
 
 
@@ -206,29 +245,6 @@ def _about_errors(shown: _Shown) -> str:
     )
 
 
-def _show_estimates(shown: _Shown) -> None:
-    follower, recommended = shown.follower, shown.recommended
-    one = recommended or shown.rows[0]
-    speed = float(one.estimate.speeds[follower])
-    points = [figures.row_of(row, follower, speed) for row in shown.rows if row is not recommended]
-    above = figures.row_of(recommended, follower, speed) if recommended else None
-    truth = registry.gains_and_gap(PAPER, shown.truth, speed) if shown.truth else None
-    earlier = _choose_earlier(shown, speed)
-    figure = figures.estimates(points, shown.colour, above, truth, earlier)
-    label = escape_markdown(shown.segment.labels[follower + 1])
-    interval = (
-        f" The interval is the recommended estimate's ({100 * (one.estimate.level or 0):.0f} %); a"
-        " point outside it has another mark."
-    )
-    st.caption(
-        f"{label}: one mark a method.{interval * bool(recommended)} Time gap: in equilibrium at"
-        f" {3.6 * speed:.0f} km/h."
-        + (" Dashed: true value." if shown.truth else "")
-        + (" Rings: earlier estimates." if earlier else "")
-    )
-    show.chart(figure, "compare_estimates")
-
-
 def _show_course(shown: _Shown) -> None:
     """One method's curves against the data, or the parameters over time of the online methods."""
     by_name = {name_of(row.estimate): row for row in shown.rows}
@@ -250,20 +266,21 @@ def _show_course(shown: _Shown) -> None:
         show.chart(tracking_of(by_name[name], shown.follower, window), "compare_curves")
 
 
-def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Row]:
+def _choose_earlier(shown: _Shown) -> list[figures.Row]:
     """Earlier estimates of the session to lay over the chart."""
     known: dict[str, figures.Row] = {}
     for row in reversed(shown.workspace.earlier):
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
             title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = title, figures.row_of(row, follower, speed)[1]
+            known[title] = figures.row_of(row, follower)._replace(name=title)
     if not known:
         return []
-    chosen = st.multiselect(
-        "Earlier estimates to lay over the chart", list(known), key="compare_earlier",
-        max_selections=MOST, placeholder=f"{len(known)} kept",
-    )  # fmt: skip
+    with st.popover("Earlier estimates", icon=":material/history:"):
+        chosen = st.multiselect(
+            "Earlier estimates to lay over the chart", list(known), key="compare_earlier",
+            max_selections=MOST, placeholder=f"{len(known)} kept",
+        )  # fmt: skip
     return [known[name] for name in chosen if name in known]
 
 
@@ -318,13 +335,14 @@ def _show_adequacy(shown: _Shown) -> None:
     table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)
     show.downloads(table, f"{shown.stem}_model_forms", "compare_forms")
-    st.caption(
-        f"In the window {segment.window}. In brackets: the interval under that form, which holds if"
-        " the form does. Real controllers keep a distance at standstill and act with a lag and a"
-        " delay; a model without these terms shifts them into α, β and τ. The log density is that"
-        " of held-out time (the last third, under the form learned from the first two): prefer a"
-        " form in which both are clearly above 0. A lag or delay is at least"
-        f" {EXTRA['lag'].lower:g} s, so the likelihood with one can be below the CTHP's."
+    show.caption(
+        f"In the window {segment.window}: prefer a form in which both differences are clearly above"
+        " 0.",
+        "In brackets: the interval under that form, which holds if the form does. Real controllers"
+        " keep a distance at standstill and act with a lag and a delay; a model without these terms"
+        " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
+        " under the form learned from the first two). A lag or delay is at least"
+        f" {EXTRA['lag'].lower:g} s, so the likelihood with one can be below the CTHP's.",
     )
     _show_residual(shown, row)
     _show_disturbance(shown, row)
@@ -336,12 +354,12 @@ def _show_residual(shown: _Shown, row: Result) -> None:
     if found is None:
         return
     show.chart(figures.residual(found, shown.colour), "compare_residual")
-    st.caption(
-        f"Residual of dv/dt by {escape_markdown(name_of(row.estimate))}, in steps of a second."
-        f" Dashed: by chance alone, {100 * CONFIDENCE:.0f} % of the bars lie between. Left, bars"
-        " above: disturbances last; the first one below: noise of the measured speeds. Right, bars"
-        " beyond at lags above zero: the model lacks a part of the response to the car ahead, as a"
-        " delay."
+    show.caption(
+        f"Residual of dv/dt by {name_of(row.estimate)}. Dashed: by chance alone,"
+        f" {100 * CONFIDENCE:.0f} % of the bars lie between.",
+        "In steps of a second. Left, bars above: disturbances last; the first one below: noise of"
+        " the measured speeds. Right, bars beyond at lags above zero: the model lacks a part of the"
+        " response to the car ahead, as a delay.",
     )
 
 

@@ -17,12 +17,14 @@ from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
 from pages.ui.session.resources import FIRST_SAMPLE, sample_title, samples
-from pages.ui.session.sessions import Shown, go_on, recent_sessions, runs_to_see
+from pages.ui.session.sessions import Shown, go_on, recent_sessions, results_to_see
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_runs
 
 CARDS = 5
 """In a row."""
+IN_SIDEBAR = ("**Window**", "**Without**")
+"""How lines of the session's state begin that the sidebar alone says."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -30,92 +32,100 @@ def show_page(workspace: Workspace) -> None:
     if workspace.pending:
         ask(workspace, workspace.pending, then=frame.DATA)
         return
+    st.markdown(
+        "accpinn estimates the time gap that an **adaptive cruise control** keeps, how it reacts,"
+        " and whether a line of such cars amplifies disturbances."
+    )
+    results = results_to_see(workspace)
+    is_open = bool(workspace.recording or workspace.restored)
+    if results or is_open:
+        with st.container(border=True, gap="small", key="home_mine"):
+            if is_open:
+                _show_open(workspace)
+            if results:
+                show_runs(workspace, results, "home_runs", title="My results")
+    _ways_in(workspace, is_first=not results)
     recent = recent_sessions(workspace)
-    if workspace.recording or workspace.restored or recent:
-        _continue(workspace, recent)
-    else:
-        st.markdown(
-            "From a recorded drive accpinn estimates the time gap that a car's **adaptive cruise"
-            " control** keeps, and how it reacts: headway τ and gains α and β of a constant"
-            " time-headway policy (CTHP), with intervals. It says whether a line of such cars"
-            " amplifies disturbances."
-        )
-    _ways_in(workspace)
-    runs = runs_to_see(workspace)
     drawn = {
-        "Finished runs": lambda: show_runs(workspace, runs, "home_runs"),
+        "Earlier sessions": lambda: _show_sessions(recent),
         "Samples": lambda: _show_samples(workspace),
         "Published parameters": lambda: _show_published(workspace),
     }
-    if not runs:
-        del drawn["Finished runs"]
-    tabs(workspace, "home_tabs", drawn)
+    if not recent:
+        del drawn["Earlier sessions"]
+    if results:
+        with st.expander("More ways", icon=":material/more_horiz:"):
+            _more_ways(workspace)
+            tabs(workspace, "home_tabs", drawn)
+    else:
+        tabs(workspace, "home_tabs", drawn)
 
 
-def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
-    """What is open, and the person's other sessions."""
-    with st.container(border=True):
-        session, others = st.columns((1, 1.7), gap="large")
-        if workspace.recording or workspace.restored:
-            with session:
-                st.markdown("**Continue**  \n" + "  \n".join(frame.session_state(workspace)))
-                if workspace.training or workspace.restored:
-                    frame.link(frame.TRAIN, "Back to the result", workspace)
-                else:
-                    frame.link(frame.DATA, "Back to the recording", workspace)
-        else:
-            session.markdown("**Continue**  \nThis session is new; go on with an earlier one.")
-        if recent:
-            with others:
-                st.markdown("**Earlier sessions**")
-                for place, (key, shown) in enumerate(recent):
-                    asked = shown.analysis
-                    about = f"{asked.source.name}, {frame.in_words(asked.window, asked.windows)}"
-                    # No link: its address would hold the session's secret.
-                    if st.button(
-                        escape_markdown(about), key=f"home_session_{place}", type="tertiary",
-                        icon=":material/history:",
-                    ):  # fmt: skip
-                        frame.go(frame.TRAIN if shown.result else frame.DATA, go_on(key))
+def _show_open(workspace: Workspace) -> None:
+    """What this session has open, and the way back to it."""
+    has_result = bool(workspace.training or workspace.restored)
+    with st.container(horizontal=True, vertical_alignment="center", key="home_open"):
+        brief = (line for line in frame.session_state(workspace) if not line.startswith(IN_SIDEBAR))
+        said = " · ".join(brief)
+        st.markdown(f":material/folder_open: {said}", width="content")
+        label = "Back to the result" if has_result else "Back to the recording"
+        frame.link(frame.TRAIN if has_result else frame.DATA, label, workspace)
 
 
-def _ways_in(workspace: Workspace) -> None:
+def _show_sessions(recent: list[tuple[str, Shown]]) -> None:
+    """The person's other sessions, to go on with."""
+    for place, (key, shown) in enumerate(recent):
+        # No link: its address would hold the session's secret.
+        if st.button(
+            escape_markdown(frame.about_analysis(shown.analysis)), key=f"home_session_{place}",
+            type="tertiary", icon=":material/history:",
+        ):  # fmt: skip
+            frame.go(frame.TRAIN if shown.result else frame.DATA, go_on(key))
+
+
+def _ways_in(workspace: Workspace, is_first: bool) -> None:
+    """The field for files and the shortest ways; all of them where nothing was learned yet."""
     left, right = st.columns((2, 1), gap="large")
     with left.container(key="home_drop"):
         drop_zone(workspace, then=frame.DATA)
     with right:
         button(
             workspace, "Train a sample now", frame.TRAIN, "home_train", width="stretch",
-            type="primary", icon="play_arrow",
+            type="primary" if is_first else "secondary", icon="play_arrow",
             act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, "calibrated"),
-            help="Opens the first sample below and trains on its windows in car-following by the"
-            " recommended method.",
-        )  # fmt: skip
-        st.caption("Motorway cars: three synthetic followers; the result comes within seconds.")
-        button(
-            workspace, "Other ways to open a recording", frame.DATA, "home_own", width="stretch",
-            icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),
-            help="Page Data, with the field for a file and the server's folder.",
-        )  # fmt: skip
-        button(
-            workspace, "Database of makes and models", frame.DATABASE, "home_database",
-            width="stretch", icon="database",
-            help="Page Database: every window of a folder of recordings, by make and model.",
+            help="Opens the first sample, three synthetic followers on a motorway, and trains on"
+            " its windows in car-following by the recommended method; the result comes within"
+            " seconds.",
         )  # fmt: skip
         button(
             workspace, "Reproduce the paper", frame.REPRODUCE, "home_reproduce", width="stretch",
             icon="article",
             help="Page Reproduce: the paper's Bode plots, its four panels and its tables.",
         )  # fmt: skip
-        with st.container(horizontal=True, vertical_alignment="center"):
-            reproduction.table_buttons(workspace, "home")
+    if is_first:
+        _more_ways(workspace)
+
+
+def _more_ways(workspace: Workspace) -> None:
+    with st.container(horizontal=True, vertical_alignment="center"):
+        button(
+            workspace, "Folder and downloads", frame.DATA, "home_own", type="tertiary",
+            icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),
+            help="Page Data, with the server's folder of recordings and the published runs.",
+        )  # fmt: skip
+        button(
+            workspace, "Makes and models", frame.DATABASE, "home_database", type="tertiary",
+            icon="database",
+            help="Page Database: every window of a folder of recordings, by make and model.",
+        )  # fmt: skip
+        reproduction.table_buttons(workspace, "home")
 
 
 # What can be opened at one click
 
 
 def _show_samples(workspace: Workspace) -> None:
-    st.caption("Synthetic recordings with known true parameters: what is learned can be checked.")
+    st.caption("Synthetic recordings with known true parameters.")
     for column, path in zip(st.columns(CARDS), samples()[:CARDS], strict=False):
         with column.container(border=True, height="stretch", vertical_alignment="distribute"):
             name, _, about = sample_title(path).partition(": ")

@@ -1,6 +1,7 @@
 """The frequency laboratory on page Stability: a response and the cars behind a sinusoid.
 
-One frequency drives both charts. They are a fragment, so that a change of it draws nothing else.
+One frequency drives both charts. The browser moves it without the server, which is told where it
+was left; they are a fragment, so that a change draws nothing else.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +18,11 @@ from accpinn.results.figures.stability import WHOLE, frequencies
 from accpinn.results.messages import stability as words
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.units import RadiansPerSecond
-from pages.ui.components import frame, show
-from pages.ui.components.show import bound, escape_markdown, kept, segments, select
+from pages.ui.components import browser, frame, show
+from pages.ui.components.show import escape_markdown, kept, segments, select
 from pages.ui.session.workspace import Workspace
 
-HEIGHT = 300
+HEIGHT = 275
 """Height of both charts, in pixels: with their controls they fit on the first screen."""
 FOLLOWERS = 8
 """Followers of a car that is repeated, as in the paper."""
@@ -29,10 +30,10 @@ PAPER_FREQUENCIES: tuple[RadiansPerSecond, ...] = (0.25, 0.3)
 """Frequencies of the leader's sinusoid in the paper's four panels."""
 DIGITS = 4
 """Significant digits of a frequency that is chosen."""
-FREQUENCY, PLATOON, PART, BODE = (
-    "laboratory_frequency", "laboratory_platoon", "laboratory_part", "stability_bode",
-)  # fmt: skip
-"""Keys of the choices, and of the chart that can be clicked on."""
+FREQUENCY, PLATOON, PART = "laboratory_frequency", "laboratory_platoon", "laboratory_part"
+"""Keys of the choices."""
+BODE, WAVES = "stability_bode", "laboratory_waves"
+"""Keys of the response, which can be clicked on, and of the waves with their slider."""
 PARTS: dict[Part, str] = {"magnitude": "Magnitude", "phase": "Phase"}
 
 
@@ -42,11 +43,10 @@ def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicle
     Returns:
         The vehicles as charts show them: without uncertainty where the user wants to see none.
     """
-    chosen, shown = source.vehicles, source
+    shown = source
     with st.container(horizontal=True, vertical_alignment="center"):
         said = escape_markdown(words.most_amplifying(source))
         st.markdown(f"##### {said}", width="stretch")
-        show.key([], dashed="leader to last follower" if len(chosen) > 1 else "")
         if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the response and of the model beside the measured gain, and posterior"
@@ -58,42 +58,40 @@ def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicle
 
 
 def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
-    """Draw the controls in one row, and both charts below them."""
+    """Draw both charts, each below its controls."""
     offered = offered_frequencies(source)
-    row = st.container(horizontal=True, vertical_alignment="bottom")
-    with row:
-        which = _choose_platoon(workspace, source)
-    peak = nearest(_peak(source, which) or Sinusoid.frequency, offered)
-    omega = nearest(workspace.choices.get(FREQUENCY, peak), offered)
-    with row:
-        with st.container(width="stretch", key="laboratory_slider"):
-            st.select_slider(
-                "Frequency of the leader's speed", offered, format_func=_named,
-                help="A click on a curve chooses this frequency and its car.",
-                **bound(FREQUENCY, omega, workspace.keep(FREQUENCY)),
-            )  # fmt: skip
-        chips = [(f"{at:g}", at, "In rad/s, as in the paper.") for at in PAPER_FREQUENCIES]
-        chips.append(("Peak", peak, "The frequency that these cars amplify most."))
-        for at, (name, value, about) in enumerate(chips):
-            st.button(
-                name, key=f"laboratory_chip_{at}", on_click=workspace.keep(FREQUENCY),
-                args=(nearest(value, offered),), help=about,
-            )  # fmt: skip
-        part = segments("Response", PARTS, "magnitude", PART, workspace)
-        if st.button(
-            "Platoon", key="laboratory_open_platoon", icon=":material/directions_car:",
-            help="Go on with these cars: gaps, transient, other disturbances.",
-        ):  # fmt: skip
-            _open_platoon(workspace, omega, which)
     left, right = st.columns((1.1, 1), gap="small")
+    with left.container(horizontal=True, vertical_alignment="bottom"):
+        which = _choose_platoon(workspace, source)
+        part = segments("Response", PARTS, "magnitude", PART, workspace, labelled=True)
+        peak = nearest(_peak(source, which) or Sinusoid.frequency, offered)
+        omega = nearest(workspace.choices.get(FREQUENCY, peak), offered)
     with left:
         show.chart(
-            figures.response_curves(source, part, omega, HEIGHT), BODE, selection_mode="points",
+            figures.response_curves(source, part, HEIGHT), BODE, selection_mode="points",
             on_select=lambda: take_click(workspace, st.session_state[BODE], offered),
         )  # fmt: skip
+    cast = Cast(source.vehicles, order_of(which, len(source.vehicles)))
+    chips = [(f"{at:g}", at, "In rad/s, as in the paper.") for at in PAPER_FREQUENCIES]
+    chips.append(("Peak", peak, "The frequency that these cars amplify most."))
     with right:
-        cast = Cast(source.vehicles, order_of(which, len(source.vehicles)))
-        show.chart(figures.steady_waves(cast, omega, HEIGHT), "laboratory_waves")
+        browser.picture("laboratory")(
+            key=WAVES,
+            on_omega_change=lambda: take_frequency(workspace, st.session_state[WAVES]),
+            data=figures.frequency_data(source, cast, part, offered) | {
+                "index": offered.index(omega), "height": HEIGHT, "response": BODE,
+                "chips": [
+                    {"name": name, "index": offered.index(nearest(at, offered)), "help": about}
+                    for name, at, about in chips
+                ],
+            },
+        )  # fmt: skip
+
+
+def take_frequency(workspace: Workspace, event: Mapping[str, Any]) -> None:
+    """Keep the frequency that the slider was left at."""
+    if omega := event.get("omega"):
+        workspace.choices[FREQUENCY] = float(omega)
 
 
 def offered_frequencies(source: KnownVehicles) -> list[RadiansPerSecond]:
@@ -128,14 +126,15 @@ def take_click(
         workspace.choices[PLATOON] = int(vehicle)
 
 
-def _named(omega: RadiansPerSecond) -> str:
-    return f"{omega:.{DIGITS}g} rad/s"
+def most_amplifying(source: KnownVehicles) -> int:
+    """The index of the vehicle that amplifies most."""
+    peaks = [vehicle.peak.gain for vehicle in source.report.vehicles]
+    return int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
 
 
 def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
     """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
-    labels, peaks = source.vehicles.labels, [v.peak.gain for v in source.report.vehicles]
-    usual = int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
+    labels, usual = source.vehicles.labels, most_amplifying(source)
     if len(labels) == 1:
         return usual
     names = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(labels)}
@@ -152,13 +151,16 @@ def _peak(source: KnownVehicles, which: int) -> RadiansPerSecond:
     return float(peak.omega)
 
 
-def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
-    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+def open_platoon(workspace: Workspace, source: KnownVehicles) -> None:
+    """Turn to the platoon that is chosen, at its frequency, on the page of other disturbances."""
+    which = workspace.choices.get(PLATOON, most_amplifying(source))
+    offered = offered_frequencies(source)
+    usual = nearest(_peak(source, which) or Sinusoid.frequency, offered)
     workspace.choices.pop("platoon_sinusoid_speed", None)  # the one chosen here instead
     workspace.choices.update(
-        platoon_order="learned" if vehicle == WHOLE else "repeated",
-        platoon_vehicle=max(vehicle, 0),
-        platoon_sinusoid_frequency=omega,
+        platoon_order="learned" if which == WHOLE else "repeated",
+        platoon_vehicle=max(which, 0),
+        platoon_sinusoid_frequency=nearest(workspace.choices.get(FREQUENCY, usual), offered),
         platoon_kind="sinusoid",
     )
     frame.go(frame.PLATOON, workspace)

@@ -7,21 +7,24 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
+from accpinn.results.description import brief
 from accpinn.results.figures import comparison as figures
-from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import true_model
-from accpinn.results.messages.summary import which_model
+from accpinn.results.messages.summary import best_models, which_model
+from accpinn.results.strip import strip_of
 from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of
 from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import recording_needed, show_estimate
-from pages.ui.components.show import KMH, escape_markdown, kept, pick
+from pages.ui.components.parameter_picker import cars_of, of_several
+from pages.ui.components.result import recording_needed
+from pages.ui.components.show import KMH, escape_markdown, kept, pick, select, tabs
+from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
-    "Which model does each car follow? Each is fitted to all windows but one by closed-loop"
+    "Which model predicts each car best? Each is fitted to all windows but one by closed-loop"
     " simulation and then drives in the one left out, with only the speed ahead given."
 )
 ABOUT = (
@@ -43,24 +46,32 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
     windows = " or ".join(frame.in_words(parts[0], parts) for parts in every)
     about.caption(
-        escape_markdown(f"{workspace.recording.source} · {windows}, each window left out once")
+        escape_markdown(f"{workspace.recording.source} · {windows}, each window left out once"),
+        help=LEAD,
     )
-    st.markdown(LEAD)
     if task and task.is_active:
         stop_button(task, "Stop", "models_stop")
     else:
-        chosen = st.multiselect(
-            "Models", list(FOLLOWING), label_visibility="collapsed",
-            format_func=lambda key: FOLLOWING[key].title, placeholder="Choose models",
-            **kept(workspace, "models_chosen", list(JUDGED), default="default"),
-        )  # fmt: skip
-        share = _parameters(chosen) / _parameters(JUDGED)
-        seconds = seconds_of(sum(len(one.windows) for one in subjects))
-        takes = show.format_duration(share * seconds)
-        if st.button(
-            f"Compare {len(chosen)} models (about {takes})", key="models_run", disabled=not chosen,
-            type="secondary" if task else "primary", icon=":material/gavel:",
-        ):  # fmt: skip
+        if not workspace.judgements:
+            st.markdown(LEAD)
+            place = st.container(horizontal=True, vertical_alignment="center")
+        else:
+            place = st.popover("Compare other models", icon=":material/gavel:")
+        with place:
+            chosen = st.multiselect(
+                "Models", list(FOLLOWING), label_visibility="collapsed",
+                format_func=lambda key: FOLLOWING[key].title, placeholder="Choose models",
+                **kept(workspace, "models_chosen", list(JUDGED), default="default"),
+            )  # fmt: skip
+            share = _parameters(chosen) / _parameters(JUDGED)
+            seconds = seconds_of(sum(len(one.windows) for one in subjects))
+            takes = show.format_duration(share * seconds)
+            start = st.button(
+                f"Compare {len(chosen)} models (about {takes})", key="models_run",
+                type="secondary" if workspace.judgements else "primary", disabled=not chosen,
+                icon=":material/gavel:",
+            )  # fmt: skip
+        if start:
             workspace.judge_models(chosen)
             st.rerun()
     if task:
@@ -75,20 +86,24 @@ def _parameters(models: Sequence[str]) -> int:
 
 
 def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
-    """What is found of each follower; charts and details of one once all models are judged."""
+    """What is found of each follower; what takes a choice once all models are judged."""
     if not judged:
         return
     if polled:
         show.table(judged_table(judged[0], judged[0].speeds[1]))
         return
     workspace.keep_judgements()
-    for said in which_model(judged):
-        st.markdown(f"**{escape_markdown(said)}**")
-    if workspace.true_parameters and (made := true_model(workspace.true_parameters)):
-        st.caption(f"This sample was made with the {escape_markdown(FOLLOWING[made].title)}.")
-    _estimate_cars(workspace, judged)
-    if workspace.result:
-        frame.link(frame.SNAPSHOTS, "Next: keep the result as a snapshot", workspace)
+    made = true_model(workspace.true_parameters) if workspace.true_parameters else None
+    truth = f" The sample was made with the {FOLLOWING[made].title}." if made else ""
+    st.markdown(
+        f"**{escape_markdown(best_models(judged))}**{escape_markdown(truth)}",
+        help=show.bullets(which_model(judged)),
+    )
+    followers = figures.followers_of(judged[0])
+    show.key((follower.name, follower.colour) for follower in followers)
+    show.chart(figures.errors_by_car(judged), "models_cars")
+    if workspace.recording:
+        _choose_models(workspace, judged)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]
         car = judged[pick(workspace, labels, "models_follower")]
@@ -98,57 +113,82 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
             "Nonlinear models answer small disturbances differently at every speed. Recorded:"
             f" {KMH * low:.0f} to {KMH * high:.0f} km/h, median {KMH * middle:.0f}.",
         )  # fmt: skip
-    if len(judged) > 1:
-        st.markdown(escape_markdown(" ".join(messages(car.findings, car.info))))
-    _show_follower(car, speed)
+    _show_follower(workspace, car, speed)
 
 
-def _estimate_cars(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
-    """A button for each car that another model clearly describes best, and what came of it."""
-    spec = workspace.result.estimate.spec if workspace.result else workspace.spec
-    cars, own = workspace.cars, workspace.own_results
-    better = [one for one in judged if one.is_clear and one.ranked[0].key != spec.model]
-    if workspace.recording is None or not better:
-        return
-    row = st.container(horizontal=True)
-    for one in better:
-        number, model = one.info.vehicles[1], one.ranked[0].key
-        task = cars.get(number)
-        if task and task.is_active:
-            stop_button(task, "Stop", f"models_stop_{number}")
-            monitor(task)
-        elif number in own and own[number].estimate.model == model:
-            show_estimate(own[number])
-        else:
-            row.button(
-                f"Estimate {one.info.labels[1]} with the {FOLLOWING[model].title}",
-                key=f"models_take_{number}", icon=":material/directions_car:",
-                on_click=workspace.estimate_car, args=(number, model),
-                help="This car alone behind the vehicle ahead, in its windows in car-following, by"
-                " the recommended method; Stability and Platoon can then take it from there.",
+def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
+    """The model of each car, and what comes of it: cars of several results as one platoon."""
+    chosen: dict[int, str] = {}
+    with st.container(horizontal=True, vertical_alignment="bottom", key="models_cars_chosen"):
+        for one in judged:
+            number, ranked = one.info.vehicles[1], one.ranked
+            chosen[number] = select(
+                one.info.labels[1],
+                {score.key: f"{_short(score.key)}, {score.typical_rmse:.2f} m" for score in ranked},
+                ranked[0].key, f"models_of_{number}", workspace, width=250,
+                help="The model with the least error first. Two errors may differ by chance: see"
+                " the numbers below.",
             )  # fmt: skip
-    if own and workspace.result:
-        frame.link(frame.STABILITY, "String stability with cars from several results", workspace)
+        active = [task for task in workspace.cars.values() if task.is_active]
+        if not active:
+            st.button(
+                "Use these models", key="models_use", icon=":material/directions_car:",
+                type="secondary" if workspace.own_results else "primary",
+                on_click=workspace.use_models, args=(chosen,),
+                help="Estimates each car alone behind the vehicle ahead, in its windows in"
+                " car-following, by the recommended method of its model; a car whose model the"
+                " present result has stays as it is. Stability and Platoon then take the cars"
+                " together.",
+            )  # fmt: skip
+    if active:
+        done = len(workspace.own_results)
+        st.caption(f"{done} of {done + len(active)} cars estimated.")
+        stop_button(active[0], "Stop", "models_use_stop")
+        monitor(active[0])
+    elif cars := cars_of(workspace):
+        for task in workspace.cars.values():
+            show.messages(task.error, "error")
+        show_strip(strip_of(of_several(cars)), next_step=lambda: _show_next(workspace))
 
 
-def _show_follower(one: Judgement, speed: MetresPerSecond) -> None:
+def _short(model: str) -> str:
+    """A model's name that fits a narrow field."""
+    words = brief(model)
+    return f"CTHP {words}" if words.startswith("with ") else words
+
+
+def _show_next(workspace: Workspace) -> None:
+    """The ways on with cars of several results."""
+    frame.link(frame.STABILITY, "Next: string stability", workspace)
+    frame.link(frame.PLATOON, "Platoon", workspace)
+
+
+def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond) -> None:
+    """The details of one car."""
     table, stem = judged_table(one, speed), Path(one.info.source).stem
-    show.table(table)
-    st.caption(ABOUT)
-    followers = figures.followers_of(one)
-    show.key((follower.name, follower.colour) for follower in followers)
-    left, right = st.columns(2)
-    with left:
-        show.chart(figures.errors_by_window(one), "models_errors")
-    with right:
+
+    def show_numbers() -> None:
+        show.table(table)
+        show.caption("Geometric mean over the windows left out.", ABOUT)
+        show.downloads(table, f"{stem}_models", "models")
+
+    def show_speeds() -> None:
         low, _, high = one.speeds
-        show.chart(figures.peak_over_speed(followers, (low, high), speed), "models_peak")
+        figure = figures.peak_over_speed(figures.followers_of(one), (low, high), speed)
+        show.chart(figure, "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
             " Dashed: the speed chosen."
         )
-    with st.expander("Parameters of each model and their uncertainty"):
+
+    def show_parameters() -> None:
         parameters = model_parameters_table(one)
         show.table(parameters)
         show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
-    show.downloads(table, f"{stem}_models", "models")
+
+    tabs(workspace, "models_tabs", {
+        "Numbers": show_numbers,
+        "Windows": lambda: show.chart(figures.errors_by_window(one), "models_errors"),
+        "Peak over speed": show_speeds,
+        "Parameters": show_parameters,
+    })  # fmt: skip

@@ -1,7 +1,7 @@
-"""The page Platoon: controls, the simulation in words, speeds and time-space diagram, and tabs."""
+"""The page Platoon: controls in a row, curves, time-space diagram and growth, strip, and tabs."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import cycle
 from typing import Literal
 
@@ -12,41 +12,38 @@ from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.channels import SPEED
 from accpinn.errors import ParameterError
-from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.cthp import Trajectories
+from accpinn.model.published import ParameterSet
 from accpinn.platoon import Collision, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.results import reproduction as paper
 from accpinn.results.figures import platoon as figures
-from accpinn.results.figures.animation import animation, watched
-from accpinn.results.figures.stability import colours
-from accpinn.results.figures.style import LEADER
+from accpinn.results.figures.animation import motion, watched
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
 from accpinn.results.messages.estimate import contradictions
-from accpinn.results.messages.stability import not_acc, probabilities
+from accpinn.results.messages.stability import SEVERAL, not_acc, probabilities
 from accpinn.results.strip import strip_of
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
-from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters
+from pages.ui.components import browser, frame, show
+from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
-HEIGHT = 350
-"""Height of both charts, in pixels."""
+HEIGHT = 310
+"""Height of the charts, in pixels."""
 VIEWS: dict[figures.View, str] = {
     "observer": "Moving observer",
     "leader": "From the leader",
     "road": "From the road",
 }
-TABS = "platoon"
-"""Key of the page's tabs."""
-PANELS = "The paper's four panels"
+WIDTHS = (1.25, 1.1, 0.75)
+"""Widths of the three charts."""
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
@@ -84,23 +81,27 @@ def show_page(workspace: Workspace) -> None:
     if source is None:
         return
     chosen = source.vehicles
-    windows = _windows(workspace, source)
-    place = st.container()
-    row = st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon")
+    windows, warned = _windows(workspace, source), st.container()
+    row = st.container(horizontal=True, vertical_alignment="bottom", key="platoon_controls")
     numbers = st.empty()
     with row:
         order = _choose_order(workspace, chosen, windows, numbers)
         leader, recorded = _choose_leader(workspace, source, order, windows)
     run = simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
     cast = Cast(chosen, tuple(order))
+    if source.result:
+        with warned:
+            show.not_acc(source.result.info, [chosen.vehicles[k + 1] for k in cast.order])
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
-    _show_run(workspace, source, run, cast, recorded, place)
-    _show_charts(workspace, run, cast, recorded)
-    tabs(workspace, TABS, {
-        "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
-        "Map of speeds": lambda: _show_map(run, cast),
+    with row:
+        view = _choose_view(workspace, run, recorded)
+    _show_run(run, cast)
+    _show_charts(run, cast, view, themselves)
+    _show_strip(workspace, source, run, cast, recorded)
+    tabs(workspace, "platoon", {
         "Animation": lambda: _show_animation(run, cast),
-        PANELS: _show_panels,
+        "Numbers": lambda: _show_numbers(run, cast, themselves),
+        "Map of speeds": lambda: _show_map(run, cast),
     })  # fmt: skip
 
 
@@ -111,22 +112,32 @@ def _are_recorded(source: KnownVehicles, cast: Cast, recorded: Segment) -> bool:
     return cast.labels[1:] == recorded.labels[1:]
 
 
-def open_panels(workspace: Workspace) -> None:
-    """Let the page show the paper's four panels, which need parameters to stand beside."""
-    if workspace.result is None:
-        workspace.choose_source("published")
-    workspace.choices[TABS] = PANELS
+def open_eight(workspace: Workspace, vehicles: ParameterSet, which: int, omega: float) -> None:
+    """Let the page show eight times one published vehicle behind a sinusoid."""
+    workspace.choose_source("published")
+    workspace.choices.pop("platoon_sinusoid_speed", None)
+    workspace.choices.update({
+        EXAMPLE: vehicles.title, SHOWN: vehicles,
+        "platoon_order": "repeated", "platoon_vehicle": which,
+        "platoon_followers": FOLLOWERS, "platoon_kind": "sinusoid",
+        "platoon_sinusoid_frequency": omega,
+    })  # fmt: skip
 
 
-def _show_run(
-    workspace: Workspace,
-    source: KnownVehicles,
-    run: PlatoonRun,
-    cast: Cast,
+def _show_run(run: PlatoonRun, cast: Cast) -> None:
+    """How the disturbance grows, in a sentence, and what else is found."""
+    said = words.disturbance(run, cast).replace(" %", "\N{NO-BREAK SPACE}%")
+    st.markdown(f"**{escape_markdown(said)}**")
+    # The line above names the collisions already.
+    others = [finding for finding in run.findings if not isinstance(finding, Collision)]
+    show.messages(messages(others, cast), "warning")
+
+
+def _show_strip(
+    workspace: Workspace, source: KnownVehicles, run: PlatoonRun, cast: Cast,
     recorded: Segment | None,
-    place: DeltaGenerator,
-) -> None:
-    """The strip of the vehicles that drive, at its place, and how the disturbance grows."""
+) -> None:  # fmt: skip
+    """The strip of the vehicles that drive."""
 
     def show_next() -> None:
         if source.result and source.result is workspace.result:
@@ -134,23 +145,17 @@ def _show_run(
             frame.ask_which_model(workspace, label, "platoon_next")
 
     driving = strip_of(source).of_places({*cast.order})
-    with place:
-        show_strip(driving, lambda: _show_details(source, run, cast, recorded), show_next)
-    said = words.disturbance(run, cast).replace(" %", "\N{NO-BREAK SPACE}%")
-    st.markdown(f"**{escape_markdown(said)}**")
-    # The lines above name the collisions already.
-    others = [finding for finding in run.findings if not isinstance(finding, Collision)]
-    show.messages(messages(others, cast), "warning")
+    show_strip(driving, lambda: _show_details(source, run, cast, recorded), show_next)
 
 
 def _show_details(
     source: KnownVehicles, run: PlatoonRun, cast: Cast, recorded: Segment | None
 ) -> None:
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
-    chosen = source.vehicles
-    said = f"{words.disturbance(run, cast)} {not_acc(chosen)}".rstrip()
-    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-    details = f"{words.smallest_gap(run, cast)} {words.by_linearisation(run)}".rstrip()
+    chosen, driving = source.vehicles, sorted({*cast.order})
+    st.markdown(f"##### {escape_markdown(source.origin)}")
+    said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
+    details = " ".join(filter(None, said))
     if recorded:
         leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
         details = (
@@ -163,21 +168,33 @@ def _show_details(
     if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
         there = source.at_speed(speed)
     if there.uncertainty:
-        odds = probabilities(chosen, there.uncertainty)
+        odds = probabilities(chosen, there.uncertainty, driving)
         known = words.known_growth(source, cast, run)
-        details += f" Simulated with the estimated parameters. {known} {odds}"
+        by = SEVERAL if source.cars else "Simulated with the estimated parameters."
+        details += f" {by} {known} {odds}"
     elif not source.result:
         details += f" {words.GIVEN_SIMULATION}"
     st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-    show.cautions(contradictions(source.result))
+    show.cautions(contradictions(source.result, cast.order))
 
 
-def _show_charts(
-    workspace: Workspace, run: PlatoonRun, cast: Cast, recorded: Segment | None
-) -> None:
-    """Both charts; of a recorded leader all of the run, with or without its followers."""
+@dataclass(frozen=True)
+class View:
+    """What the charts show of a run."""
+
+    seen_from: figures.View
+    is_whole: bool
+    """Whether all of it, not the part worth a closer look."""
+    linear: Trajectories | None
+    """Those of the linearisation; None where they are not shown, or the model is linear."""
+    measured: Segment | None
+    """The window of the recorded followers; None where they are not shown."""
+
+
+def _choose_view(workspace: Workspace, run: PlatoonRun, recorded: Segment | None) -> View:
+    """What the charts show, behind a button of the row."""
     measured, linear, is_whole = recorded, run.linear, False
-    with st.container(horizontal=True, vertical_alignment="center"):
+    with st.popover("View", icon=":material/visibility:"):
         if recorded:
             if not st.toggle(
                 "Recorded followers", **kept(workspace, "platoon_measured", True),
@@ -189,28 +206,43 @@ def _show_charts(
             is_whole = segments(
                 "Part of the run",
                 {False: "Collision" if run.collisions else closer, True: "Whole run"},
-                False, "platoon_whole", workspace,
-                help="Which part of the run both charts show.",
+                False, "platoon_whole", workspace, labelled=True,
             )  # fmt: skip
         if linear and not st.toggle(
             "Linear prediction", **kept(workspace, "platoon_linear", recorded is None),
             help="What the linearisation, which holds for small disturbances, would do.",
         ):  # fmt: skip
             linear = None
-        view = segments(
-            "Seen from", VIEWS, "observer", "platoon_view", workspace,
-            help="Of the time-space diagram. The observer drives at the leader's mean speed, so"
-            " that distances between the vehicles and their motion are seen.",
+        seen_from = segments(
+            "Time-space diagram seen from", VIEWS, "observer", "platoon_view", workspace,
+            labelled=True,
+            help="The moving observer drives at the leader's mean speed, so that distances"
+            " between the vehicles and their motion are seen.",
         )  # fmt: skip
-        show.key(
-            zip(cast.labels, figures.colours_of(cast), strict=True),
-            dashed="linear prediction" if linear else "",
-            dotted="recorded" if measured else "",
+    return View(seen_from, is_whole, linear, measured)
+
+
+def _show_charts(run: PlatoonRun, cast: Cast, view: View, themselves: Segment | None) -> None:
+    """Speeds and gaps, the time-space diagram, and growth along the platoon."""
+    title, names = "", cast.labels
+    if len({*cast.order}) == 1 and not cast.is_in_order:
+        title, names = (
+            f"{cast.vehicles.labels[cast.order[0]]}:",
+            (cast.labels[0], *cast.numbers[1:]),
         )
-    span = None if is_whole else figures.close_up(run)
-    profiles = figures.profiles(run, cast, span, measured, HEIGHT, linear)
-    time_space = figures.time_space(run, cast, span, view, HEIGHT)
-    show.charts([("profiles", profiles), ("time_space", time_space)], "platoon")
+    show.key(
+        zip(names, figures.colours_of(cast), strict=True),
+        title=title,
+        dashed="linear prediction" if view.linear else "",
+        dotted="recorded" if view.measured else "",
+    )
+    span = None if view.is_whole else figures.close_up(run)
+    drawn = [
+        ("profiles", figures.profiles(run, cast, span, view.measured, HEIGHT, view.linear)),
+        ("time_space", figures.time_space(run, cast, span, view.seen_from, HEIGHT)),
+        ("growth", figures.growth_by_vehicle(run, cast, themselves, HEIGHT)),
+    ]
+    show.charts(drawn, "platoon", WIDTHS)
 
 
 # Which vehicles drive behind the leader, and what it does
@@ -227,13 +259,13 @@ def _choose_order(
     ) if many else "repeated"  # fmt: skip
     if order == "repeated":
         vehicle = pick(
-            workspace, chosen.labels, "platoon_vehicle", label="Vehicle", labelled=True, width=200,
+            workspace, chosen.labels, "platoon_vehicle", label="Vehicle", labelled=True, width=155,
             help="The vehicle that is repeated.",
         )  # fmt: skip
         is_recorded = choices.get("platoon_kind") == "recorded" and windows
         usual = windows[0].followers if is_recorded else FOLLOWERS
         followers = st.number_input(
-            "Followers", min_value=1, max_value=MOST_FOLLOWERS, width=120,
+            "Followers", min_value=1, max_value=MOST_FOLLOWERS, width=100,
             **kept(workspace, "platoon_followers", usual),
             help="How many of it drive behind the leader.",
         )  # fmt: skip
@@ -286,12 +318,12 @@ def _choose_leader(
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
     offered |= {"recorded": "As recorded"} if windows else {}
     kind = select(
-        "Disturbance of the leader", offered, "sinusoid", "platoon_kind", workspace, width=190,
+        "Disturbance", offered, "sinusoid", "platoon_kind", workspace, width=150,
         help="What the leader does; as recorded, it drives as in a window of the recording.",
     )  # fmt: skip
     if kind == "recorded" and windows:
         names = [str(segment.window) for segment in windows]
-        look = {"labelled": True, "width": 170}
+        look = {"labelled": True, "width": 150}
         segment = windows[pick(workspace, names, "platoon_window", label="Window", **look)]
         return Recorded(segment.start + segment.time, segment.speeds[:, 0]), segment
     return _planned(workspace, kind, source, order), None
@@ -302,7 +334,7 @@ def _planned(
 ) -> Leader:
     """The leader with the settings chosen; a sinusoid begins with the platoon's peak."""
     first, usual = FIRST[kind], dict[str, float]()
-    if source.vehicles.parameters.own.size:  # a nonlinear model's response depends on the speed
+    if not source.vehicles.parameters.is_linear:  # then the response depends on the speed
         chosen = workspace.choices.get("stability_speed", KMH * source.median_speed)
         usual["speed"] = float(f"{chosen / KMH:.3g}")
     if first == "frequency":
@@ -313,7 +345,7 @@ def _planned(
         shown = kept(workspace, key, usual.get(name, float(getattr(PLANNED[kind], name))))
         return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
 
-    values = {first: setting(first, st.container(width=170))}
+    values = {first: setting(first, st.container(width=150))}
     if first == "frequency" and values[first] != usual[first]:
         st.button(
             f"Peak: {usual[first]:.4g} rad/s", key="platoon_peak",
@@ -341,28 +373,19 @@ def _peak(
 # Tabs
 
 
-def _show_amplitudes(
-    workspace: Workspace, run: PlatoonRun, cast: Cast, recorded: Segment | None
-) -> None:
-    """Amplitudes along the platoon, on the user's scale, beside their table."""
-    left, right = st.columns(2, gap="large")
+def _show_numbers(run: PlatoonRun, cast: Cast, recorded: Segment | None) -> None:
+    """Amplitudes and smallest gaps along the platoon."""
     wave = run.amplitudes
-    with left:
-        with st.container(horizontal=True, vertical_alignment="center"):
-            in_db = st.toggle("in dB", **kept(workspace, "platoon_db", False),
-                              help="Relative to the leader's.")  # fmt: skip
-            if wave and wave.periods:
-                periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
-                when = "after" if wave.free else "within"
-                more = "" if wave.free else ": simulate longer"
-                st.caption(f"Measured over the last {periods}, {when} the transient{more}.")
-        show.chart(figures.amplitude_by_vehicle(run, cast, in_db, recorded), "platoon_amplitude")
-    with right:
-        table = amplitude_table(run, cast.labels, recorded)
-        show.table(table, figures.colours_of(cast))
-        if run.collisions:
-            st.caption("A dash: the vehicle, or one ahead of it, has collided.")
-        show.downloads(table, "platoon_amplitudes", "amplitudes")
+    if wave and wave.periods:
+        periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
+        when = "after" if wave.free else "within"
+        more = "" if wave.free else ": simulate longer"
+        st.caption(f"Measured over the last {periods}, {when} the transient{more}.")
+    table = amplitude_table(run, cast.labels, recorded)
+    show.table(table, figures.colours_of(cast))
+    if run.collisions:
+        st.caption("A dash: the vehicle, or one ahead of it, has collided.")
+    show.downloads(table, "platoon_amplitudes", "amplitudes")
 
 
 def _show_map(run: PlatoonRun, cast: Cast) -> None:
@@ -374,29 +397,12 @@ def _show_map(run: PlatoonRun, cast: Cast) -> None:
 
 
 def _show_animation(run: PlatoonRun, cast: Cast) -> None:
+    browser.picture("road")(data=motion(run, cast), key="platoon_road")
+    ended = " A car that has collided is not drawn any more." if run.collisions else ""
     st.caption(
-        "Seen from the leader: press Play or drag the slider."
-        f" {_seconds_shown(run, watched(run))} Squares mark the cars, not to scale: from"
-        f" one to the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
-        " A vehicle that has collided is not drawn any more."
+        f"Seen from the leader; distances to scale, for cars {figures.CAR_LENGTH:g} m long; red"
+        f" light: slowing down. {_seconds_shown(run, watched(run))}{ended}"
     )
-    show.chart(animation(run, cast), "platoon_wave")
-
-
-def _show_panels() -> None:
-    """The paper's figure of eight vehicles behind a sinusoid."""
-    st.caption(
-        f"Eight equal vehicles, of {ASTAZERO.title}, behind a leader that drives 20 m/s for 20 s"
-        " and then a sinusoid of 1 m/s. Neither vehicle is string stable; which disturbances"
-        " grow depends on their frequency."
-    )
-    vehicles = sorted({panel.vehicle for panel in paper.PANELS})
-    show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
-    grid = (*st.columns(2), *st.columns(2))
-    for place, ((title, figure), cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
-        with cell:
-            st.markdown(escape_markdown(title))
-            show.chart(figure, f"platoon_panel_{place}")
 
 
 def _seconds_shown(run: PlatoonRun, rows: NDArray[intp]) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.findings import joined
 from accpinn.methods.pinn.config import PresetName
 from accpinn.model.cthp import Case, Parameters
@@ -26,7 +27,7 @@ from accpinn.recordings.openacc import catalogue
 from accpinn.results import reproduction as paper
 from accpinn.results.figures.platoon import panels_thumbnail, paper_panels
 from accpinn.results.figures.stability import colours, gains_thumbnail, paper_bode
-from accpinn.results.figures.style import LEADER, MODEL
+from accpinn.results.figures.style import LEADER, MODEL, in_height
 from accpinn.study import Analysis
 from accpinn.study.store import Entry
 from accpinn.tasks import Part
@@ -36,7 +37,7 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown, select, tabs
 from pages.ui.data.sources import OPENING, RUN, find_run, open_file, place_of_run
-from pages.ui.platoon import open_panels
+from pages.ui.platoon import open_eight
 from pages.ui.session.resources import SAMPLES
 from pages.ui.session.workspace import Workspace
 
@@ -44,12 +45,17 @@ TABLES = {item: item.run for item in paper.ITEMS if item.run and item.verdicts}
 """Tables I to III, and what each takes."""
 TABLE_III = [*TABLES][-1]
 """The paper's figures are drawn from its parameters."""
+CITATION = "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024."
 SECONDS: Seconds = 1.5
 """Typical time of a training by the preset fast, for each follower."""
-BODE_HEIGHT, PANEL_HEIGHT = 200, 165
-"""Heights in pixels, with which all of the paper's figures stand above the fold."""
-_SYMBOL = re.compile(r"\b(\w) (?=[\d+−a-z])")
-"""A parameter's symbol or a panel's letter, before its value."""
+BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 250, 142, 56
+"""Heights in pixels, with which figures and tables stand above the fold."""
+PRINTED_PARAMETERS = f"{paper.PRINTED}: {', '.join(q.symbol for q in PARAMETERS)}"
+"""Heading of what a table prints."""
+ROW_WIDTHS = (0.75, 1.1, 4.5)
+"""Widths of a row's picture, name and cells."""
+_LETTER = re.compile(r"\b([a-d]) (?=[\d+−a-z])")
+"""A panel's letter before its value."""
 
 
 # The page
@@ -58,12 +64,9 @@ _SYMBOL = re.compile(r"\b(\w) (?=[\d+−a-z])")
 def show_page(workspace: Workspace) -> None:
     learned = {item: _learned(workspace, item) for item in TABLES}
     figures = learned[TABLE_III]
-    _show_task(workspace)
-    left, right = st.columns((1, 1.55), gap="medium")
-    with left:
-        _show_bode(figures)
-    with right:
-        _show_panels()
+    _show_task(workspace, paper.verdict(learned))
+    _show_figures(figures)
+    _show_headings()
     for item in TABLES:
         picture = gains_thumbnail(item.verdicts[0].vehicles, learned[item])
         _show_row(item, item.compared(learned[item]), picture)
@@ -77,8 +80,8 @@ def show_page(workspace: Workspace) -> None:
     })  # fmt: skip
 
 
-def _show_task(workspace: Workspace) -> None:
-    """The button that trains what all tables take, how far that is, and what is not at hand."""
+def _show_task(workspace: Workspace, verdict: str) -> None:
+    """The button that trains what all tables take, the verdict so far, and what is not at hand."""
     task = workspace.reproduction
     parts, missing = _trainings(workspace)
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -95,10 +98,7 @@ def _show_task(workspace: Workspace) -> None:
                 on_click=workspace.reproduce, args=(parts,),
                 help="Trains by the preset fast on the paper's windows. What is open stays open.",
             )  # fmt: skip
-        st.caption(
-            "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024",
-            width="content",
-        )
+        st.markdown(f"**{escape_markdown(verdict)}**", width="stretch")
     if task:
         count = len(task.results)
         monitor(task, is_stale=lambda: len(task.results) != count)
@@ -172,41 +172,51 @@ def _tables(titles: list[str]) -> str:
     return f"Tables {joined([title.removeprefix('Table ') for title in titles])} need"
 
 
-def _show_bode(learned: Parameters | None) -> None:
-    """Both Bode plots, with what the text says of them."""
-    with st.container(horizontal=True, vertical_alignment="center"):
-        st.markdown("**Figure 7: Bode magnitude**", width="content")
-        dashed = "" if learned is None else "learned"
-        show.key([("text's peak", MODEL)], dashed=dashed, dotted="Figure 8")
-    for vehicles in (ASTAZERO, VICOLUNGO):
-        show.key([*zip(vehicles.labels, colours(vehicles), strict=True)])
-        figure = paper_bode(vehicles, learned if vehicles is ASTAZERO else None, BODE_HEIGHT)
-        show.chart(figure, f"paper_bode_{show.stem_of(vehicles.title)}")
+def _show_figures(learned: Parameters | None) -> None:
+    """Both Bode plots, with what the text says of them, and the four panels on one scale."""
+    left, right = st.columns(2, gap="medium")
+    with left:
+        with st.container(horizontal=True, vertical_alignment="center"):
+            st.markdown("**Figure 7: Bode magnitude**", width="content")
+            dashed = "" if learned is None else "learned"
+            show.key([("text's peak", MODEL)], dashed=dashed, dotted="frequencies of Figure 8")
+        for vehicles, cell in zip((ASTAZERO, VICOLUNGO), st.columns(2), strict=True):
+            with cell:
+                dashes = learned if vehicles is ASTAZERO else None
+                figure = paper_bode(vehicles, dashes, BODE_HEIGHT)
+                show.chart(figure, f"paper_bode_{show.stem_of(vehicles.title)}")
+                show.key([*zip(vehicles.labels, colours(vehicles), strict=True)])
+    with right:
+        with st.container(horizontal=True, vertical_alignment="center"):
+            st.markdown("**Figure 8: eight behind a sinusoid of 1 m/s**", width="content")
+            show.key([("Leader", LEADER)])
+        panels = zip(paper.PANELS, paper_panels(PANEL_HEIGHT), strict=True)
+        for _ in range(2):
+            for cell in st.columns(2):
+                panel, figure = next(panels)
+                with cell:
+                    show.chart(figure, f"paper_panel_{panel.letter}")
 
 
-def _show_panels() -> None:
-    """Eight followers behind a sinusoid, on one scale."""
-    st.markdown("**Figure 8: eight followers behind a sinusoid of 1 m/s**")
-    show.key([("Leader", LEADER)])
-    grid = (*st.columns(2), *st.columns(2))
-    for panel, (title, figure), cell in zip(
-        paper.PANELS, paper_panels(PANEL_HEIGHT), grid, strict=True
-    ):
-        with cell:
-            show.caption(title)
-            show.chart(figure, f"paper_panel_{panel.letter}")
+def _show_headings() -> None:
+    """The headings of the rows; on a narrow screen each cell has its own."""
+    headings = (PRINTED_PARAMETERS, paper.RECOMPUTED, paper.LEARNED, paper.DEVIATION)
+    with st.container(key="paper_headings"):
+        *_, cells = st.columns(ROW_WIDTHS)
+        written = (f"<div>{what}</div>" for what in headings)
+        cells.html(f'<div class="paper-row paper-headings">{"".join(written)}</div>')
 
 
 def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
     """An item: its picture and its name, and what is printed, recomputed, learned and between."""
-    with st.container(border=True, key=f"paper_{_key(item)}"):
-        left, cells = st.columns((1.8, 4.2), vertical_alignment="center")
-        with left.container(horizontal=True, vertical_alignment="center"):
-            with st.container(width=110):
-                show.picture(picture, f"paper_{_key(item)}_picture")
-            st.markdown(f"**{item.title}**  \n:small[{escape_markdown(item.subject)}]", width=150)
+    with st.container(key=f"paper_{_key(item)}"):
+        thumbnail, name, cells = st.columns(ROW_WIDTHS, vertical_alignment="center")
+        with thumbnail:
+            show.picture(in_height(picture, THUMBNAIL_HEIGHT), f"paper_{_key(item)}_picture")
+        brief = item.subject.partition(":")[0]
+        name.markdown(f"**{item.title}**  \n:small[{escape_markdown(brief)}]")
         parts = {
-            paper.PRINTED: comparison.printed,
+            PRINTED_PARAMETERS if item in TABLES else paper.PRINTED: comparison.printed,
             paper.RECOMPUTED: comparison.recomputed,
             paper.LEARNED: comparison.learned or "–",
             paper.DEVIATION: comparison.deviation or "–",
@@ -216,8 +226,8 @@ def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go
 
 
 def _unbroken(text: str) -> str:
-    """A cell for a web page, in which no line breaks between a symbol and its range."""
-    kept = _SYMBOL.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    """A cell for a web page, in which no line breaks behind a letter or within a range."""
+    kept = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
     return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
 
 
@@ -252,6 +262,7 @@ def _show_numbers(workspace: Workspace) -> None:
 
 
 def _show_inconsistencies() -> None:
+    st.caption(CITATION)
     st.caption(show.bullets(paper.inconsistencies()))
 
 
@@ -340,10 +351,12 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
             help="Page Stability, with these printed parameters.",
         )  # fmt: skip
     if not (run or item.sample or item.shown):
-        button(
-            workspace, "Platoon: four panels", frame.PLATOON, f"paper_{key}_panels",
-            act=lambda: open_panels(workspace), help="Page Platoon, with the four panels.",
-        )  # fmt: skip
+        for panel in sorted(paper.PANELS, key=lambda panel: panel.letter):
+            button(
+                workspace, f"Platoon: ({panel.letter})", frame.PLATOON,
+                f"paper_{key}_{panel.letter}", help="Page Platoon, with this panel.",
+                act=partial(open_eight, workspace, ASTAZERO, panel.vehicle, panel.frequency),
+            )  # fmt: skip
 
 
 def button(

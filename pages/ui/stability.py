@@ -5,6 +5,7 @@ import streamlit as st
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import FOLLOWING
+from accpinn.results.figures import control
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.comparison import Follower, peak_over_speed
 from accpinn.results.figures.stability import cloud_caption
@@ -16,14 +17,14 @@ from accpinn.results.strip import strip_of
 from accpinn.results.tables import stability as tables
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN
-from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.region import Plane
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import KMH, escape_markdown, pick, segments, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.laboratory import PLATOON as SIMULATED
-from pages.ui.laboratory import show_laboratory
+from pages.ui.laboratory import most_amplifying, open_platoon, show_laboratory
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -34,8 +35,11 @@ PLATOON = (
     "Strictly stable means that no vehicle amplifies anything, weakly that nothing has grown at the"
     " last one."
 )
-PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
-SEVERAL = "Each car by the model of its own result, linearised at its median speed."
+PLANES: dict[Plane, str] = {"beta": "β and τ", "alpha": "α and τ", "gains": "α and β"}
+HELD: dict[Plane, str] = {"beta": "α", "alpha": "β", "gains": "τ"}
+"""The parameter that a plane keeps."""
+SELECT = 56
+"""Height of a select box above a chart, in pixels."""
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
     " snapshot."
@@ -46,27 +50,36 @@ def show_page(workspace: Workspace) -> None:
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
         return
-    is_nonlinear = chosen.vehicles.parameters.own.size > 0
+    is_nonlinear = not chosen.vehicles.parameters.is_linear
     source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
     show_strip(
-        strip_of(source), lambda: _show_verdict(workspace, source), None, "stability",
+        strip_of(source), lambda: _show_verdict(workspace, source),
+        lambda: _next_button(workspace, source), "stability",
         lambda vehicle: _choose_vehicle(workspace, vehicle),
     )  # fmt: skip
     shown = show_laboratory(workspace, source)
     _show_bode_notes(shown)
     tabs(workspace, "stability", {
-        "Numbers": lambda: _show_verdicts(source),
-        "Why": lambda: _show_reasons(workspace, source),
-        **({"Speed": lambda: _show_speeds(source)} if is_nonlinear else {}),
-        "Criteria": lambda: _show_criteria(source),
-        "Map": lambda: _show_map(workspace, shown),
+        "Numbers": lambda: _show_numbers(workspace, source),
+        "Poles and responses": lambda: _show_modes(workspace, shown),
+        "Region": lambda: _show_region(workspace, shown),
+        "Margin": lambda: _show_margin(shown),
         "Measured": lambda: _show_measured(workspace, shown),
     })  # fmt: skip
 
 
+def _next_button(workspace: Workspace, source: KnownVehicles) -> None:
+    """The next step: the platoon of the laboratory behind other disturbances."""
+    if st.button(
+        "Next: platoon", icon=":material/arrow_forward:", key="stability_next", type="primary",
+        help="Go on with the laboratory's cars: gaps, transient, other disturbances.",
+    ):  # fmt: skip
+        open_platoon(workspace, source)
+
+
 def _choose_vehicle(workspace: Workspace, vehicle: int) -> None:
     """Let the tabs and the simulation be about one vehicle, 0 for the first."""
-    of_vehicle = (SIMULATED, "stability_held", "stability_measured")
+    of_vehicle = (SIMULATED, "stability_held", "stability_measured", "stability_impulse")
     workspace.choices.update(dict.fromkeys(of_vehicle, vehicle), stability_reasons=vehicle + 1)
 
 
@@ -82,10 +95,11 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
 
 
 def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
-    """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
+    """What stands behind the sentence above the pictures, and what it assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
-    said = words.headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
-    st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+    st.markdown(f"##### {escape_markdown(source.origin)}")
+    if said := words.behind_verdict(source):
+        st.markdown(escape_markdown(said))
     if len(chosen) > 1:
         platoon = report.platoon
         verdicts = (
@@ -99,8 +113,8 @@ def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
         why = escape_markdown(words.along_platoon(source))
         st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
     assumed = assumption(result, source.speed) if result else words.GIVEN_PARAMETERS
-    if result is None and workspace.parameter_source == "several":
-        assumed = SEVERAL
+    if source.cars:
+        assumed = words.SEVERAL
     st.caption(escape_markdown(assumed))
     show.cautions(contradictions(result))
     if result:
@@ -113,10 +127,19 @@ def _show_bode_notes(source: KnownVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points with bars: the measured gain and its band, faint where it is not compared."
-        * bool(measured),
+        + " Points: measured gain and band, faint where not compared." * bool(measured),
         help=words.MEASURED if measured else None,
     )
+
+
+def _show_numbers(workspace: Workspace, source: KnownVehicles) -> None:
+    """The table of verdicts; behind it the reasons, the criteria, and the gain over speed."""
+    _show_verdicts(source)
+    if source.vehicles.parameters.nonlinear.size:
+        _show_speeds(source)
+    with st.expander("Reasons and criteria"):
+        _show_reasons(workspace, source)
+        _show_criteria(source)
 
 
 def _show_verdicts(source: KnownVehicles) -> None:
@@ -129,7 +152,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
         f" pointing at a dotted line: {100 * known.level:.0f} % intervals. "
     )
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
-              " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
+              " small disturbances. " if not chosen.parameters.is_linear else "")  # fmt: skip
     level = f"{100 * known.level:.0f} % intervals." if known else "By these parameters."
     show.caption(level, f"{linear}{posterior or ''}{GAIN}")
     if differ := words.criteria_differ(source):
@@ -140,7 +163,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
 def _show_speeds(source: KnownVehicles) -> None:
     """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
     vehicles, known = source.vehicles, source.uncertainty
-    own, draws = vehicles.parameters.own, known.draws.own if known else None
+    own, draws = vehicles.parameters.nonlinear, known.draws.nonlinear if known else None
     followers = [
         Follower(label, colour, FOLLOWING[vehicles.model], own[k],
                  None if draws is None else draws[:, k])
@@ -154,10 +177,14 @@ def _show_speeds(source: KnownVehicles) -> None:
     low, high = np.quantile(driven, (0.05, 0.95)).tolist()
     speed = source.speed or source.median_speed
     show.chart(peak_over_speed(followers, (low, high), speed), "stability_speeds")
+    driven_at = (
+        f" Shaded in grey: the followers drive {KMH * low:.0f} to {KMH * high:.0f} km/h for 90 % of"
+        " the recorded time."
+    )
+    bands = f" Bands: {100 * LEVEL:.0f} % intervals."
     st.caption(
-        f"Largest gain for small disturbances: above 0 dB they grow. Shaded in grey: the followers"
-        f" drive {KMH * low:.0f} to {KMH * high:.0f} km/h for 90 % of the recorded time. Dashed:"
-        f" {KMH * speed:.0f} km/h. Bands: {100 * LEVEL:.0f} % intervals."
+        "Largest gain for small disturbances: above 0 dB they grow."
+        f"{driven_at * bool(segments)} Dashed: {KMH * speed:.0f} km/h.{bands * bool(known)}"
     )
 
 
@@ -182,29 +209,57 @@ def _show_criteria(source: KnownVehicles) -> None:
         show.messages(messages(source.result.findings, source.result.info))
 
 
-def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_modes(workspace: Workspace, source: KnownVehicles) -> None:
+    """Poles and zeros, step responses, and the impulse response of one vehicle with its area."""
+    chosen = source.vehicles
+    left, middle, right = st.columns(3, gap="small")
+    with left:
+        show.chart(control.pole_map(source), "stability_poles")
+    with middle:
+        show.chart(control.step_responses(source), "stability_step")
+    with right:
+        k = pick(
+            workspace, chosen.labels, "stability_impulse", most_amplifying(source), "Vehicle",
+            help="The vehicle whose impulse response is drawn.",
+        )  # fmt: skip
+        height = control.HEIGHT - (SELECT if len(chosen) > 1 else 0)
+        show.chart(control.impulse_response(source, k, height), "stability_impulse_response")
+    table = tables.modes_table(source)
+    show.table(table, figures.colours(chosen))
+    show.caption(
+        "Crosses: poles; rings: zeros. Grey band: ±2 %. ‖h‖₁ is the shaded area.", words.POLES
+    )
+    show.downloads(table, f"poles_{chosen.title}".lower(), "poles")
+
+
+def _show_region(workspace: Workspace, source: KnownVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
-    if is_lagged(source.vehicles.parameters):
-        show.messages(
-            "The map holds for the CTHP without a lag or a delay; choose that model on page Train,"
-            " or a published set."
-        )
-        return
     chosen, known = source.vehicles, source.uncertainty
     with st.container(horizontal=True, vertical_alignment="center"):
         plane = segments(
             "Plane", PLANES, "beta", "stability_plane", workspace,
-            help="The two parameters on the axes; the third is that of the vehicle chosen.",
+            help="The two parameters on the axes; all else is that of the vehicle chosen.",
         )  # fmt: skip
         held = pick(
             workspace, chosen.labels, "stability_held", len(chosen) - 1, "Vehicle",
-            help="The vehicle whose third parameter the boundaries are drawn for.",
+            help="The vehicle whose third parameter, lag and delay the boundaries are drawn for.",
         )  # fmt: skip
         show.key(figures.MAP_KEY)
     chart = figures.stability_map(source, held, plane)
     show.chart(chart, "stability_map")
-    said = escape_markdown(words.about_map(chosen, held, "α" if plane == "beta" else "β"))
+    said = escape_markdown(words.about_map(chosen, held, HELD[plane]))
     st.caption(said + (f" {cloud_caption(chart, known, plane)}" if known else ""))
+
+
+def _show_margin(source: KnownVehicles) -> None:
+    """How much time gap separates each vehicle from string stability."""
+    chosen = source.vehicles
+    st.markdown(f"**{escape_markdown(words.most_needed(source))}**")
+    show.chart(control.margin_forest(source), "stability_margins")
+    table = tables.margin_table(source)
+    show.table(table, (*figures.colours(chosen), LEADER)[: len(table.rows)])
+    show.caption(f"{words.MARGIN_MARKS} {words.about_margin(source)}", words.MARGIN)
+    show.downloads(table, f"margin_{chosen.title}".lower(), "margin")
 
 
 def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:

@@ -10,43 +10,39 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
+from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate
-from accpinn.methods.pinn.config import PRESETS, STARTS, PresetName
-from accpinn.methods.registry import METHODS
+from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import TITLES, has_terms_of
 from accpinn.recordings import Recording
-from accpinn.results.figures.training import tracking, training_figures
+from accpinn.results.figures.training import NETWORK, course, tracking
+from accpinn.results.messages.estimate import initial_in_words
+from accpinn.results.messages.summary import unfinished
 from accpinn.segment import Segment
 from accpinn.study import Analysis
 from accpinn.study.result import Result, result_of
-from accpinn.tasks import Task
-from accpinn.units import Seconds
+from accpinn.tasks import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import BANDS, banner, show_estimate, show_result
-from pages.ui.components.show import bound, escape_markdown, segments, select
+from pages.ui.components.result import banner, show_estimate, show_result, theatre
+from pages.ui.components.show import bound, escape_markdown, pick, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import segment_of, store
 from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
-LINES: dict[tuple[PresetName, str], str] = {
-    ("calibrated", "pinn"): "PiNN, calibrated, with intervals.",
-    ("calibrated", "simulation"): "Closed-loop simulation, with intervals.",
-    ("fast", "pinn"): "The paper's loss, solved exactly: a point, biased where disturbances last.",
-    ("paper", "pinn"): "The paper's training by gradient, many minutes: a point, biased where"
-    " disturbances last.",
-}
-"""What a preset's method gives, by both."""
 REDRAWN = 1.1
 """Growth of the iterations after which the live charts are drawn anew: less is not seen on their
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
-FIRST_DRAWING: Seconds = 0.3
-"""Seconds of training before the first curves: drawing would slow a short one."""
-LIVE = 480
-"""Height in pixels of the live chart of the curves."""
+LIVE = 500
+"""Height in pixels of the live charts."""
+LIVE_CURVES = "train_live_curves"
+"""Key of the chart of the curves, before a training and while it runs."""
+SIMULATED = "simulation so far"
+"""Name of the live curves of a method that simulates the drive."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
@@ -115,15 +111,19 @@ def _show_training(workspace: Workspace) -> None:
     segment, result, training = workspace.segment, workspace.result, workspace.training
     assert segment is not None
     banner(workspace)
-    windows = result.analysis.windows if result else workspace.windows
+    is_active = training is not None and training.is_active
+    windows = result.analysis.windows if result and not is_active else workspace.windows
     st.caption(frame.segment_line(segment, workspace.asked.case, windows))
     show.not_acc(segment)
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
-    done = result is not None and not (training and training.is_active)
+    done = result is not None and not is_active
     with st.container(key="later_1_train" if done else "train_controls"):
-        _controls(workspace)
+        asked = _controls(workspace)
+    if training and training.status is Status.RUNNING:
+        _show_live(workspace, training)
+        return
     if training:
-        monitor(training, lambda running: _show_run(workspace, training, running))
+        monitor(training)
     if result:
         is_saved = result is workspace.restored
         show_result(
@@ -131,36 +131,71 @@ def _show_training(workspace: Workspace) -> None:
             lambda: _next_button(workspace, result),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
+    elif asked := training.analysis if training and is_active else asked:
+        _show_beginning(workspace, asked)
 
 
-def _show_run(workspace: Workspace, training: Task[Result], running: bool) -> None:
-    """What is known of a training that runs: its point, and how it moves."""
-    history, asked, point = training.history(), training.analysis, training.point
-    if not running or asked is None:
-        return
+def _show_beginning(workspace: Workspace, asked: Analysis) -> None:
+    """The data of a follower, and the drive by the values at which a training begins."""
     data = _segments(workspace, asked)
-    if point:
-        st.caption("The estimate is known; its intervals follow.")
-        show_estimate(_of_point(training, point, data, workspace.recording))
-    if history is None or history.seconds[-1] <= FIRST_DRAWING:
-        return
-    truth, segment = workspace.true_parameters, data[0]
-    step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
-    drawn, curves = _live_figures(training, segment, truth, step)
-    has_truth = truth is not None and has_terms_of(asked.spec.model, truth)
-    left, right = st.columns((1, 1.25))
-    with left:
-        if curves:
-            show.chart(curves, "train_live_tracking")
-    with right:
+    with st.container(horizontal=True, vertical_alignment="center"):
+        follower = pick(workspace, data[0].labels[1:], "train_follower")
+        if initial := show.attempt(lambda: _initial(asked, data)):
+            show.caption(f"{initial_in_words(*initial)} Dotted: the drive simulated by them.")
+    show.chart(_first_curves(data[0], follower, initial, LIVE), LIVE_CURVES)
+
+
+def _initial(asked: Analysis, data: Segments) -> tuple[str, Parameters] | None:
+    """The model and the parameters at which a training begins, where its method seeks step by step.
+
+    Raises:
+        ConfigError: where the initial values are not the model's.
+    """
+    initial = METHODS[asked.method].initial
+    return initial(data, asked.config, asked.spec) if initial else None
+
+
+def _first_curves(
+    segment: Segment, follower: int, initial: tuple[str, Parameters] | None, height: int
+) -> go.Figure:
+    """The data of a follower, and the simulation by initial parameters."""
+    motion = None
+    if initial:
+        model, parameters = initial
+        motion = simulated(segment.pair(follower), model, parameters[[follower]])
+    return tracking(segment, follower, simulation=motion, height=height)
+
+
+def _show_live(workspace: Workspace, training: Task[Result]) -> None:
+    """A training as it runs: the curves bend into the data, the loss falls, parameters move."""
+    asked, result = training.analysis, workspace.result
+    assert asked is not None
+    data, truth = _segments(workspace, asked), workspace.true_parameters
+    segment = data[0]
+    with st.container(horizontal=True, vertical_alignment="center"):
+        follower = pick(workspace, segment.labels[1:], "train_follower")
+        has_truth = truth is not None and has_terms_of(asked.spec.model, truth)
         show.follower_key(segment, has_truth, segment.shares(asked.case))
-        show.charts([*drawn.items()], "train_live")
-        if history.deviations is not None:
-            st.caption(BANDS)
+
+    def draw(polled: bool) -> None:
+        """Draw the present moment, and the strip of what is known."""
+        history = training.history()
+        if history is None:
+            curves, moved = _first_curves(segment, follower, _initial(asked, data), LIVE), None
+        else:
+            step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
+            curves, moved = _live_figures(training, segment, follower, truth, step)
+        theatre(curves, moved, "train_live")
+        if point := training.point:
+            show_estimate(_of_point(training, point, data, workspace.recording))
+        elif result:
+            show_estimate(result)
+
+    monitor(training, draw)
 
 
 def _segments(workspace: Workspace, asked: Analysis) -> Segments:
-    """The data of a training that runs."""
+    """The data of a training."""
     if recording := workspace.recording:
         about = asked.vehicles, asked.excluded
         return tuple(segment_of(recording, window, *about) for window in asked.windows)
@@ -178,16 +213,15 @@ def _of_point(
 
 @lru_cache(maxsize=8)
 def _live_figures(
-    training: Task[Result], segment: Segment, truth: Parameters | None, step: int
-) -> tuple[dict[str, go.Figure], go.Figure | None]:
-    """The figures of a training at a ``step``: loss and parameters and, if known, the curves."""
+    training: Task[Result], segment: Segment, follower: int, truth: Parameters | None, step: int
+) -> tuple[go.Figure, go.Figure]:
+    """The curves of a training at a ``step``, and the course of its loss and parameters."""
     history, curves, asked = training.history(), training.curves, training.analysis
     assert history is not None
     assert asked is not None
-    drawn = training_figures(history, segment.info, asked.spec.model, truth)
-    own = "simulation so far" if asked.has_posterior else "network"
-    # Widgets must not stand in what is drawn again and again: it is the first follower's.
-    return drawn, tracking(segment, 0, curves, own=own, height=LIVE) if curves else None
+    drawn = course(history, segment.info, asked.spec.model, truth, height=LIVE)
+    own = SIMULATED if asked.has_posterior else NETWORK
+    return tracking(segment, follower, curves, own=own, height=LIVE), drawn
 
 
 def _show_validation(workspace: Workspace) -> None:
@@ -203,7 +237,12 @@ def _show_validation(workspace: Workspace) -> None:
 
 
 def _next_button(workspace: Workspace, result: Result) -> None:
-    """The next step, and another model where this one misses the drive."""
+    """The next step, and another model where this one misses the drive.
+
+    After a training that was stopped it is to train on, by the button above.
+    """
+    if unfinished(result.estimate):
+        return
     if not all(trust.is_reproduced for trust in result.trust):
         frame.ask_which_model(workspace, "Which model misses less?", "train_models")
     if st.button(
@@ -213,7 +252,8 @@ def _next_button(workspace: Workspace, result: Result) -> None:
         frame.go(frame.STABILITY, workspace)
 
 
-def _controls(workspace: Workspace) -> None:
+def _controls(workspace: Workspace) -> Analysis | None:
+    """Draw what a training is chosen by; what it would answer is None where that is refused."""
     preset = workspace.preset
     asked = show.attempt(workspace.analysis)
     with st.container(horizontal=True, vertical_alignment="bottom"):
@@ -226,15 +266,19 @@ def _controls(workspace: Workspace) -> None:
             labelled=False, width=330, help=MODEL_HELP,
         )  # fmt: skip
         _buttons(workspace, asked)
-        method = METHODS[asked.method] if asked else METHODS["pinn"]
-        has_options = method.settings is not None
+        method = METHODS[asked.method if asked else recommended_method()]
+        settings = asked.settings if asked else PRESETS[preset].to_json()
+        # While a training runs, nothing pushes its charts down.
+        is_active = workspace.training is not None and workspace.training.is_active
+        has_options = method.settings is not None and not is_active
         st.toggle("Options", key="train_options", disabled=not has_options)
     changed = " With your options." if workspace.settings.get(preset) else ""
     fixed = f" Fixed: {workspace.spec.in_words.partition(', ')[2]}." * bool(workspace.spec.fixed)
-    st.caption(escape_markdown(LINES[preset, method.key] + changed + fixed))
+    st.caption(escape_markdown(method.described(settings) + changed + fixed))
     if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)
+    return asked
 
 
 def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
@@ -243,12 +287,12 @@ def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
         stop_button(training, "Stop training", "train_stop")
         return
     at = store().stopped_at(asked) if asked else None
-    label, icon = ("Start training", "play_arrow")
+    label, icon, result = "Start training", "play_arrow", workspace.result
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
     st.button(
         label,
-        type="secondary" if workspace.result else "primary",
+        type="secondary" if result and not unfinished(result.estimate) else "primary",
         icon=f":material/{icon}:",
         key="train_start",
         disabled=asked is None,

@@ -24,23 +24,25 @@ def shown(document: str) -> list[tuple[str, str]]:
     text = (ROOT / document).read_text(encoding="utf-8")
     if document.endswith(".ipynb"):
         cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
-        outputs = ("".join("".join(one["text"]) for one in cell["outputs"]) for cell in cells)
-        return [("".join(cell["source"]), said) for cell, said in zip(cells, outputs, strict=True)]
+        outputs = ("".join("".join(part["text"]) for part in cell["outputs"]) for cell in cells)
+        return [
+            ("".join(cell["source"]), output) for cell, output in zip(cells, outputs, strict=True)
+        ]
     return re.findall(r"```(?:python)?\n([^`]*)```\n\n```text\n(.*?)```", text, re.DOTALL)
 
 
 def same(printed: str, expected: str) -> bool:
     """Whether two texts are the same but for one in the last digit of numbers, or 3 %."""
-    found, given = (re.findall(NUMBER, text) for text in (printed, expected))
+    numbers, given = (re.findall(NUMBER, text) for text in (printed, expected))
     words = [re.sub(NUMBER, "", text) for text in (printed, expected)]
     return words[0] == words[1] and all(
         float(number) == pytest.approx(float(other), rel=0.03, abs=1.01 * last_digit(other))
-        for number, other in zip(found, given, strict=True)
+        for number, other in zip(numbers, given, strict=True)
     )
 
 
 def last_digit(number: str) -> float:
-    """What one in the last digit of a printed number is worth."""
+    """The value of one in the last digit of a printed number."""
     return float(10.0 ** -len(number.partition(".")[2]))
 
 
@@ -49,7 +51,7 @@ def last_digit(number: str) -> float:
     ("document", "pieces", "report"),
     [
         ("README.md", 2, "report.html"),
-        ("docs/tutorial.md", 23, "two_followers.html"),
+        ("docs/tutorial.md", 24, "two_followers.html"),
         ("docs/quickstart.ipynb", 7, None),
     ],
 )
@@ -60,10 +62,10 @@ def test_a_document_prints_what_it_says(
     """Run one after the other, with as many draws as users have."""
     (tmp_path / "sample_data").symlink_to(FOLDER)
     monkeypatch.chdir(tmp_path)
-    found, names = shown(document), dict[str, object]()
-    assert len(found) == pieces
+    snippets, names = shown(document), dict[str, object]()
+    assert len(snippets) == pieces
     assert document != "README.md" or len((ROOT / document).read_text().splitlines()) <= 120
-    for code, expected in found:
+    for code, expected in snippets:
         if command := re.match(r"accpinn (.*)", code):
             assert main(command[1].split()) == 0
             assert same(capsys.readouterr().out.splitlines()[0], expected.strip())
@@ -128,8 +130,13 @@ def test_a_wheel_has_the_command_the_app_the_samples_and_every_file_that_they_re
     assert {path.name for path in app.iterdir()} - {"__pycache__"} == {
         "app.py", "pages", ".streamlit",
     }  # fmt: skip
-    kept = {"PYTHONPATH": str(place), "ACCPINN_CACHE": str(tmp_path / "cache")}
-    of_process = {"cwd": tmp_path, "env": os.environ | kept, "capture_output": True, "text": True}
+    variables = {"PYTHONPATH": str(place), "ACCPINN_CACHE": str(tmp_path / "cache")}
+    of_process = {
+        "cwd": tmp_path,
+        "env": os.environ | variables,
+        "capture_output": True,
+        "text": True,
+    }
     done = subprocess.run(
         [str(place / "bin" / "accpinn"), "info", str(FOLDER / f"{NOISY}.csv"), "--json"],
         check=True, **of_process,
@@ -156,13 +163,13 @@ def test_several_methods_on_several_windows() -> None:
 def test_segments_in_place_of_a_recording_give_the_same() -> None:
     recording = accpinn.read(FILE)
     segments = [accpinn.cut(recording, start, 60) for start in (0, 100)]
-    for given, asked in (
+    for given, options in (
         (segments[0], {"start": 0, "duration": 60}),
         (segments, {"windows": "0-60,100-160"}),
     ):
-        found, expected = accpinn.fit(given, **QUICK), accpinn.fit(recording, **asked, **QUICK)
-        np.testing.assert_array_equal(found.parameters.values, expected.parameters.values)
-        assert found.infos == expected.infos
+        result, expected = accpinn.fit(given, **QUICK), accpinn.fit(recording, **options, **QUICK)
+        np.testing.assert_array_equal(result.parameters.values, expected.parameters.values)
+        assert result.infos == expected.infos
         (row,) = accpinn.compare(given, methods=("least-squares",))
         np.testing.assert_array_equal(row.parameters.values, expected.parameters.values)
 
@@ -170,14 +177,14 @@ def test_segments_in_place_of_a_recording_give_the_same() -> None:
 def test_segments_of_two_recordings_share_their_parameters() -> None:
     segments = [accpinn.cut(accpinn.read(FOLDER / f"{name}.csv"), 0, 60)
                 for name in (NOISY, NOISE_FREE)]  # fmt: skip
-    both = accpinn.fit(segments, **QUICK)
+    joint = accpinn.fit(segments, **QUICK)
     alone = [accpinn.fit(segment, **QUICK).parameters.alpha[0] for segment in segments]
-    assert min(alone) < both.parameters.alpha[0] < max(alone)
-    assert [info.source for info in both.infos] == [segment.source for segment in segments]
+    assert min(alone) < joint.parameters.alpha[0] < max(alone)
+    assert [info.source for info in joint.infos] == [segment.source for segment in segments]
 
 
 @pytest.mark.parametrize(
-    ("asked", "method", "preset", "model"),
+    ("options", "method", "preset", "model"),
     [
         ({}, "pinn", "calibrated", "cthp-s0-delay"),
         ({"model": "cthp"}, "pinn", "calibrated", "cthp"),
@@ -189,16 +196,20 @@ def test_segments_of_two_recordings_share_their_parameters() -> None:
         ({"method": "simulation"}, "simulation", None, "cthp-s0-delay"),
     ],
 )
-def test_what_is_estimated_unless_something_else_is_named(
-    asked: dict[str, str], method: str, preset: str | None, model: str
+def test_defaults_of_method_preset_and_model(
+    options: dict[str, str], method: str, preset: str | None, model: str
 ) -> None:
-    found = accpinn.analyse(accpinn.read(FILE), **asked)
-    assert (found.method, found.settings.get("preset"), found.spec.model) == (method, preset, model)
-    assert [(window.start, window.end) for window in found.windows] == [(0, 300)]
+    analysis = accpinn.analyse(accpinn.read(FILE), **options)
+    assert (analysis.method, analysis.settings.get("preset"), analysis.spec.model) == (
+        method,
+        preset,
+        model,
+    )
+    assert [(window.start, window.end) for window in analysis.windows] == [(0, 300)]
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("options", "words"),
     [
         ({"windows": "0-60", "start": 0}, "start: the windows say where they lie; leave start out"),
         ({"windows": [(0, 60)], "duration": 60}, "leave duration out"),
@@ -213,14 +224,14 @@ def test_what_is_estimated_unless_something_else_is_named(
         ({"fixed": {"s0": 900.0}}, "s0 = 900 is not allowed"),
     ],
 )
-def test_what_contradicts_itself_is_refused(asked: dict[str, Any], words: str) -> None:
+def test_contradicting_arguments_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(AccpinnError, match=words):
-        accpinn.fit(FILE, **asked)
+        accpinn.fit(FILE, **options)
 
 
-def test_a_source_that_is_none_and_what_segments_do_not_leave_to_choose() -> None:
+def test_wrong_sources_and_choices_that_segments_exclude_are_refused() -> None:
     segment = accpinn.cut(accpinn.read(FILE), 0, 60)
-    for source, asked, words in (
+    for source, options, words in (
         (
             segment,
             {"vehicles": "1-2"},
@@ -234,4 +245,4 @@ def test_a_source_that_is_none_and_what_segments_do_not_leave_to_choose() -> Non
         ([segment, segment], {}, "overlap"),
     ):
         with pytest.raises(AccpinnError, match=words):
-            accpinn.fit(source, **asked, **QUICK)
+            accpinn.fit(source, **options, **QUICK)

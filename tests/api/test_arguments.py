@@ -1,4 +1,4 @@
-"""Whatever goes into a public function wrongly ends as one `AccpinnError`."""
+"""A wrong argument of a public function ends as one `AccpinnError`."""
 
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -48,7 +48,7 @@ CAR = Parameters([0.08], [0.3], [1.2])
 @cache
 def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     """Each function by its name, with arguments that it allows."""
-    asked = {"source": segment(), "method": "splines"}
+    request = {"source": segment(), "method": "splines"}
     report = accpinn.stability_report(CAR)
     cars = accpinn.ParameterSet("given", ("A car",), CAR)
     regimes = accpinn.label_regimes(segment())
@@ -61,7 +61,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "cut": {"recording": recording(), "start": 0, "duration": 60},
         "evaluate": {"segments": segment(), "estimate": result().estimate},
         "exclude_regimes": {"segment": segment(), "regimes": regimes, "names": "standstill"},
-        "fit": asked,
+        "fit": request,
         "from_arrays": {
             "time": segment().time,
             "speeds": segment().speeds,
@@ -116,7 +116,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "verify": {"content": b""},
     }
     functions = {name: getattr(accpinn, name) for name in usual}
-    found = {name: (function, usual[name]) for name, function in functions.items()}
+    by_name = {name: (function, usual[name]) for name, function in functions.items()}
     of_classes: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         "Parameters": (Parameters, {"alpha": 0.1, "beta": 0.2, "tau": 1.0}),
         "Parameters.of": (Parameters.of, {"values": [0.1, 0.2, 1.0]}),
@@ -135,7 +135,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "Estimate.span": (result().estimate.span, {"name": "alpha", "follower": 0}),
         "Estimate.time_gap": (result().estimate.time_gap, {"speed": 20.0, "follower": 0}),
     }
-    return found | of_classes
+    return by_name | of_classes
 
 
 WRONG: dict[str, Any] = {
@@ -170,7 +170,7 @@ def called(name: str, argument: str, value: Any) -> str:
 
 @pytest.fixture
 def _harmless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, registries: None) -> None:
-    """What is allowed by chance leaves nothing behind."""
+    """Calls that happen to be allowed leave nothing behind."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(batch_room, "run_request", lambda *_: None)
 
@@ -197,10 +197,10 @@ wrong = st.sampled_from(list(WRONG.values())) | shapes
 def test_a_wrong_argument_ends_as_one_sentence(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(sorted(calls())))
     argument = data.draw(st.sampled_from(arguments(calls()[name][0])))
-    said = called(name, argument, data.draw(wrong))
-    assert "\n" not in said
-    assert len(said) <= 300
-    assert said == "" or said.endswith((".", '."'))
+    sentence = called(name, argument, data.draw(wrong))
+    assert "\n" not in sentence
+    assert len(sentence) <= 300
+    assert sentence == "" or sentence.endswith((".", '."'))
 
 
 @pytest.mark.parametrize(

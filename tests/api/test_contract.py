@@ -1,4 +1,4 @@
-"""What a script relies on: one default, frames, responses, platoons, own models and methods."""
+"""Promises to scripts: one default, frames, responses, platoons, own models and methods."""
 
 import subprocess
 import sys
@@ -15,6 +15,7 @@ from accpinn import AccpinnError, Parameters, Result
 from accpinn.cli import main
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING, fingerprint
+from accpinn.results.marks import EXTRAPOLATED
 from accpinn.study.batch import batch
 from tests.support.command import ROOT, Capture, document
 from tests.support.samples import FOLDER, NOISY
@@ -36,7 +37,7 @@ def nonlinear() -> Result:
 
 class TestDefaults:
     @pytest.mark.parametrize(
-        ("asked", "preset", "iterations"),
+        ("options", "preset", "iterations"),
         [
             ({}, "calibrated", 300),
             ({"settings": {"iterations": 7}}, "calibrated", 7),
@@ -46,25 +47,25 @@ class TestDefaults:
         ],
     )
     def test_settings_start_from_the_preset_that_is_named(
-        self, asked: dict[str, Any], preset: str, iterations: int
+        self, options: dict[str, Any], preset: str, iterations: int
     ) -> None:
-        found = accpinn.analyse(accpinn.sample("motorway"), **asked).settings
-        assert (found["preset"], found["iterations"]) == (preset, iterations)
-        assert found["seed"] == asked.get("seed", 0)
+        settings = accpinn.analyse(accpinn.sample("motorway"), **options).settings
+        assert (settings["preset"], settings["iterations"]) == (preset, iterations)
+        assert settings["seed"] == options.get("seed", 0)
 
     def test_an_analysis_has_the_default_of_fit_and_of_the_command_line(
         self, capsys: Capture
     ) -> None:
         recording = accpinn.sample("paper_study")
-        asked = accpinn.Analysis.of(recording)
-        assert asked == accpinn.analyse(recording)
-        told = document(capsys, "fit", accpinn.sample_path("paper_study"), "--duration", 30,
+        analysis = accpinn.Analysis.of(recording)
+        assert analysis == accpinn.analyse(recording)
+        output = document(capsys, "fit", accpinn.sample_path("paper_study"), "--duration", 30,
                         "--no-cache")  # fmt: skip
-        kind = (asked.method, asked.spec.model, asked.settings["preset"])
-        assert (told["method"], told["model"], told["preset"]) == kind
+        kind = (analysis.method, analysis.spec.model, analysis.settings["preset"])
+        assert (output["method"], output["model"], output["preset"]) == kind
 
     @pytest.mark.parametrize(
-        ("asked", "words"),
+        ("options", "words"),
         [
             ({"method": "splines", "seed": 0}, "seed: the method splines has none"),
             ({"method": "splines", "settings": {"seed": 0}}, "settings: the method splines"),
@@ -79,29 +80,29 @@ class TestDefaults:
             ({"case": "III"}, "choose I or II"),
         ],
     )
-    def test_what_has_no_effect_or_is_wrong_is_named(
-        self, asked: dict[str, Any], words: str
+    def test_arguments_without_effect_and_wrong_ones_are_named(
+        self, options: dict[str, Any], words: str
     ) -> None:
         with pytest.raises(AccpinnError, match=words):
-            accpinn.fit(accpinn.sample("motorway"), **asked)
+            accpinn.fit(accpinn.sample("motorway"), **options)
 
     def test_settings_on_the_command_line(self, capsys: Capture) -> None:
         given = ("--preset", "fast", "--settings", "width=20", "--settings", "iterations=5")
         path = accpinn.sample_path("paper_study")
-        told = document(capsys, "fit", path, "--duration", 30, "--no-cache", *given)
-        assert (told["preset"], told["iterations"]) == ("fast", 5)
+        output = document(capsys, "fit", path, "--duration", 30, "--no-cache", *given)
+        assert (output["preset"], output["iterations"]) == ("fast", 5)
         usual = document(
             capsys, "fit", path, "--duration", 30, "--no-cache", *given[:2], *given[4:]
         )
-        assert told["network_weights"] < usual["network_weights"]
+        assert output["network_weights"] < usual["network_weights"]
 
 
 class TestFrames:
     def test_an_estimate_without_a_posterior_has_nan_for_ends(self) -> None:
-        frame, found = point().to_frame(), point().estimate
+        frame, estimate = point().to_frame(), point().estimate
         assert frame.vehicle.tolist() == [2, 3]
         assert set(frame.method) == {"splines"}
-        np.testing.assert_array_equal(frame.alpha, found.parameters.alpha)
+        np.testing.assert_array_equal(frame.alpha, estimate.parameters.alpha)
         assert frame[["alpha_low", "tau_high"]].isna().all(axis=None)
 
     def test_intervals_have_the_level_that_is_asked_for(self) -> None:
@@ -126,16 +127,18 @@ class TestFrames:
             notes = table.to_frame().get(f"{key}_note", [""])
             assert bool(notes[0]) != is_driven
             assert (f"{key}_note" in table.to_csv()) != is_driven
-        assert any(line.startswith("*: ") for line in table.to_text().splitlines())
+        assert any(
+            line.startswith(f"{EXTRAPOLATED.glyph}: ") for line in table.to_text().splitlines()
+        )
 
     @pytest.mark.parametrize("made", [two_windows, nonlinear])
     def test_draws_have_the_names_of_the_model(self, made: Any) -> None:
         result = made()
-        frame, known = result.posterior.to_frame(), result.posterior
+        frame, posterior = result.posterior.to_frame(), result.posterior
         assert set(frame.columns) == {"kind", "vehicle", "draw", *result.estimate.names}
         typical = frame[frame.kind == "typical"]
         for name in result.estimate.names:
-            expected = result.estimate.values(known.typical, name)[:, 0]
+            expected = result.estimate.values(posterior.typical, name)[:, 0]
             np.testing.assert_array_equal(typical[name], expected)
 
     def test_the_course_of_a_training(self) -> None:
@@ -151,17 +154,17 @@ class TestFrames:
 class TestWhatFollows:
     def test_the_response_is_that_of_the_transfer_functions(self) -> None:
         omega = np.geomspace(0.01, 2.0, 20)
-        found = point().frequency_response(omega)
-        assert found.shape == (20, 2)
+        response = point().frequency_response(omega)
+        assert response.shape == (20, 2)
         for k, system in enumerate(point().transfer_functions()):
-            np.testing.assert_allclose(system(1j * omega), found[:, k], rtol=1e-9)
+            np.testing.assert_allclose(system(1j * omega), response[:, k], rtol=1e-9)
 
     @pytest.mark.parametrize("omega", [-1.0, [np.nan], [[1.0]], "fast", [-1.0]])
-    def test_frequencies_that_are_none(self, omega: Any) -> None:
+    def test_invalid_frequencies_are_refused(self, omega: Any) -> None:
         with pytest.raises(AccpinnError, match="omega"):
             point().frequency_response(omega)
 
-    def test_the_approximant_of_a_delay_is_as_close_as_it_is_said_to_be(self) -> None:
+    def test_the_approximant_of_a_delay_is_as_close_as_documented(self) -> None:
         omega = np.linspace(0.001, 2.0, 2000)
         s = 1j * omega
         for delay, most in ((0.5, 3e-4), (1.0, 8e-3)):
@@ -169,9 +172,9 @@ class TestWhatFollows:
             late = np.exp(-delay * s)
             loop = (0.3 + 0.08 * 1.2) * s + 0.08
             exact = (0.3 * s + 0.08) * late / (s**2 + loop * late)
-            found = accpinn.transfer_function(car)(s)
-            assert most / 2 < np.abs(found - exact).max() < most
-            assert np.abs(found).max() == pytest.approx(np.abs(exact).max(), rel=1e-5)
+            approximate = accpinn.transfer_function(car)(s)
+            assert most / 2 < np.abs(approximate - exact).max() < most
+            assert np.abs(approximate).max() == pytest.approx(np.abs(exact).max(), rel=1e-5)
 
     def test_a_platoon_of_one_car_and_of_a_result(self) -> None:
         leader = accpinn.Sinusoid(0.25, duration=100)
@@ -179,8 +182,8 @@ class TestWhatFollows:
         eight = accpinn.simulate_platoon(car, leader, followers=8)
         same = accpinn.simulate_platoon(Parameters.stack([car] * 8), leader)
         np.testing.assert_array_equal(eight.trajectories.speeds, same.trajectories.speeds)
-        both = accpinn.simulate_platoon(point(), leader)
-        assert both.trajectories.gaps.shape[1] == 2
+        pair = accpinn.simulate_platoon(point(), leader)
+        assert pair.trajectories.gaps.shape[1] == 2
         with pytest.raises(AccpinnError, match="2 parameter sets make 2 followers"):
             accpinn.simulate_platoon(point(), leader, followers=8)
         with pytest.raises(AccpinnError, match="name it, or give the result"):
@@ -193,9 +196,9 @@ class TestWhatFollows:
         time = np.arange(0, 60, 0.1)
         speed = 20 + np.sin(0.3 * time)
         even = accpinn.Recorded(time, speed)
-        kept = np.random.default_rng(0).random(len(time)) < 0.8
-        kept[[0, -1]] = True
-        uneven = accpinn.Recorded(time[kept], speed[kept])
+        sampled = np.random.default_rng(0).random(len(time)) < 0.8
+        sampled[[0, -1]] = True
+        uneven = accpinn.Recorded(time[sampled], speed[sampled])
         np.testing.assert_allclose(np.diff(uneven.time), 0.1, rtol=1e-3)
         np.testing.assert_allclose(np.interp(time, uneven.time, uneven.speeds), speed, atol=2e-2)
         car = Parameters(0.08, 0.3, 1.2)
@@ -214,7 +217,7 @@ class TestWhatFollows:
             ([[0, 1]], [[20, 20]]),
         ],
     )
-    def test_a_leader_that_cannot_be_one(self, time: Any, speeds: Any) -> None:
+    def test_an_invalid_leader_is_refused(self, time: Any, speeds: Any) -> None:
         with pytest.raises(AccpinnError, match="Leader: "):
             accpinn.Recorded(time, speeds)
 
@@ -277,9 +280,7 @@ class TestOwnModels:
             ({"acceleration": lambda p, v, u, theta, xp: xp.abs(p)[:2]}, "fails at ordinary"),
         ],
     )
-    def test_a_model_that_cannot_be_one_is_refused(
-        self, changes: dict[str, Any], words: str
-    ) -> None:
+    def test_an_invalid_model_is_refused(self, changes: dict[str, Any], words: str) -> None:
         exec(MODEL, {})
         with pytest.raises(AccpinnError, match=words):
             accpinn.register_model(replace(FOLLOWING["linear"], **changes))
@@ -289,8 +290,8 @@ class TestOwnModels:
         path = FOLDER / f"{NOISY}.csv"
         (row,) = accpinn.compare(path, 0, 60, methods=("mine",))
         assert row.estimate.method == "splines"  # what the function itself says
-        told = document(capsys, "fit", path, "--method", "mine", "--duration", 60, "--no-cache")
-        assert told["parameters"][0]["alpha"] == row.parameters.alpha[0]
+        output = document(capsys, "fit", path, "--method", "mine", "--duration", 60, "--no-cache")
+        assert output["parameters"][0]["alpha"] == row.parameters.alpha[0]
         with pytest.raises(AccpinnError, match="package's own"):
             accpinn.register_method(METHODS["splines"])
 
@@ -320,38 +321,38 @@ class TestOwnModels:
 
 
 def test_models_judged_as_a_frame() -> None:
-    found = accpinn.judge(accpinn.sample("motorway"), ("cthp", "cthp-s0"), vehicles="1-2")
-    frame = found.to_frame()
-    assert frame.model.tolist() == [score.key for score in found[0].ranked]
+    judgements = accpinn.judge(accpinn.sample("motorway"), ("cthp", "cthp-s0"), vehicles="1-2")
+    frame = judgements.to_frame()
+    assert frame.model.tolist() == [score.key for score in judgements[0].ranked]
     assert frame.gap_rmse.is_monotonic_increasing
-    assert frame.best_in.sum() == frame.windows[0] == len(found[0].windows)
-    assert frame.parameters[0].keys() == {*found[0].ranked[0].model.names}
-    assert "More: .to_frame()" in str(found)
+    assert frame.best_in.sum() == frame.windows[0] == len(judgements[0].windows)
+    assert frame.parameters[0].keys() == {*judgements[0].ranked[0].model.names}
+    assert "More: .to_frame()" in str(judgements)
 
 
-def test_progress_is_shown_or_told(capsys: Capture) -> None:
-    told: list[accpinn.Progress] = []
-    asked = SHORT | {"preset": "fast", "settings": {"iterations": 30}}
-    accpinn.fit(accpinn.sample("motorway"), **asked, progress=told.append)
-    assert told
+def test_progress_is_a_bar_or_calls_a_function(capsys: Capture) -> None:
+    steps: list[accpinn.Progress] = []
+    options = SHORT | {"preset": "fast", "settings": {"iterations": 30}}
+    accpinn.fit(accpinn.sample("motorway"), **options, progress=steps.append)
+    assert steps
     assert capsys.readouterr().err == ""
-    accpinn.fit(accpinn.sample("motorway"), **asked, progress=True)
+    accpinn.fit(accpinn.sample("motorway"), **options, progress=True)
     assert "loss" in capsys.readouterr().err
 
 
 def test_a_segment_of_a_recording_is_a_source() -> None:
     recording = accpinn.sample("motorway")
     segment = accpinn.cut(recording, 0, 60, (1, 2))
-    found = accpinn.fit(segment, method="splines")
+    result = accpinn.fit(segment, method="splines")
     expected = accpinn.fit(recording, **SHORT, method="splines")
-    assert found.parameters == expected.parameters
+    assert result.parameters == expected.parameters
 
 
-def test_a_sample_that_there_is_not() -> None:
+def test_an_unknown_sample_is_refused_with_the_choices() -> None:
     with pytest.raises(AccpinnError, match="choose astazero_like, motorway"):
         accpinn.sample("autobahn")
 
 
-def test_the_recommended_estimate_has_all_of_it() -> None:
+def test_the_recommended_estimate_has_intervals() -> None:
     result = recommended()
     assert result.to_frame().notna()[["alpha_low", "tau_high"]].all(axis=None)

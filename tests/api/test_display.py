@@ -1,4 +1,4 @@
-"""What `print` and a notebook show of public objects."""
+"""Public objects as `print` and a notebook show them."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ OBJECTS = {
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_some_ten_lines_also_in_a_notebook(name: str) -> None:
+def test_a_public_object_prints_in_some_ten_lines_also_in_a_notebook(name: str) -> None:
     shown = OBJECTS[name]()
     text, page = str(shown), shown._repr_html_()
     assert 2 <= len(text.splitlines()) <= 12
@@ -42,22 +42,22 @@ def test_a_result_names_method_preset_model_outcome_and_each_follower() -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.STOPPED, Outcome.DIVERGED])
-def test_what_has_not_converged_says_so_first(outcome: Outcome) -> None:
+def test_an_estimate_that_has_not_converged_begins_with_its_outcome(outcome: Outcome) -> None:
     result = replace(trained(), estimate=replace(trained().estimate, outcome=outcome))
     assert str(result).splitlines()[0] == outcome.value
 
 
-def test_an_analysis_tells_what_differs_from_its_preset() -> None:
+def test_an_analysis_shows_the_settings_that_differ_from_its_preset() -> None:
     recording = accpinn.sample("motorway")
-    told = str(accpinn.analyse(recording, preset="fast", settings={"width": 20}))
-    assert "width = 20" in told
-    assert "learning_rate" not in told
-    assert "a point" in told
+    text = str(accpinn.analyse(recording, preset="fast", settings={"width": 20}))
+    assert "width = 20" in text
+    assert "learning_rate" not in text
+    assert "a point" in text
 
 
 def test_stability_has_a_line_a_vehicle_and_the_platoon() -> None:
     report = small().stability
-    told = str(report)
+    text = str(report)
     (vehicle,) = report.vehicles
-    assert f"L₂ {vehicle.l2.word}" in told
-    assert report.platoon.l2_weak.word in told
+    assert f"L₂ {vehicle.l2.word}" in text
+    assert report.platoon.l2_weak.word in text

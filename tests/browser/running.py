@@ -33,8 +33,6 @@ PROBE = re.compile(r"/\w+/_stcore/(health|host-config)$")
 OVERTAKEN = re.compile(r"/media/\w+\.(csv|tex|zip|html)$|source error - 404")
 """Streamlit looks up what a download button offers; a page drawn anew meanwhile offers it under a
 new name. A button that offered nothing would fail the tests that press it."""
-CUT_OFF = "undefined"
-"""What plotly throws when Pause or the slider ends an animation; nothing is wrong then."""
 ESTIMATES = "Parameters (90"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
@@ -78,8 +76,7 @@ def watched(page: Page) -> list[str]:
             faults.append(f"{message.text} ({url})")
 
     def caught(fault: Error) -> None:
-        if str(fault) != CUT_OFF:
-            faults.append(str(fault))
+        faults.append(str(fault))
 
     def asked(dialog: Dialog) -> None:
         faults.append(f"a script ran: {dialog.message}")
@@ -129,6 +126,40 @@ WORDS = """isFold => {
 def words(page: Page, is_fold: bool = False) -> list[str]:
     """The words and numbers that the page shows, or those that it shows without scrolling."""
     return list(page.evaluate(WORDS, is_fold))
+
+
+CROWDED = """() => {
+  const found = [];
+  const meets = (a, b, room) => a.left < b.right + room && b.left < a.right + room
+    && a.top < b.bottom + room && b.top < a.bottom + room;
+  for (const chart of document.querySelectorAll(".js-plotly-plot")) {
+    if (!chart.checkVisibility({ visibilityProperty: true })) continue;
+    const key = chart.closest("[class*=st-key-]")?.className.match(/st-key-(\\S+)/)?.[1];
+    const frame = chart.querySelector(".main-svg").getBoundingClientRect();
+    if (!frame.width) continue;
+    const boxes = (selector) => [...chart.querySelectorAll(selector)]
+      .map((text) => [text.textContent, text.getBoundingClientRect()])
+      .filter(([, box]) => box.width && box.height);
+    const titles = boxes(".infolayer [class*=title] text, .infolayer text[class*=title]");
+    const labels = boxes(".xtick text, .ytick text, [class$=tick] text");
+    titles.forEach(([name, title], k) => {
+      for (const [label, box] of labels)
+        if (meets(title, box, 0.5)) found.push(`${key}: "${name}" meets the tick "${label}"`);
+      for (const [other, box] of titles.slice(k + 1))
+        if (meets(title, box, 0)) found.push(`${key}: "${name}" meets "${other}"`);
+      if (title.left < frame.left - 1 || title.right > frame.right + 1
+          || title.top < frame.top - 1 || title.bottom > frame.bottom + 1)
+        found.push(`${key}: "${name}" is cut off`);
+    });
+  }
+  return found;
+}"""
+"""Titles of charts and axes that meet tick labels or each other, or stand out of their chart."""
+
+
+def crowded(page: Page) -> list[str]:
+    """What meets or is cut off in the charts that the page shows, each once."""
+    return list(dict.fromkeys(page.evaluate(CROWDED)))
 
 
 def go(page: Page, title: str) -> None:
@@ -190,8 +221,8 @@ def downloaded(page: Page, button: Locator) -> tuple[str, bytes]:
 
 
 def estimate(cell: str) -> float:
-    """The value before its interval; a star marks one that lies outside."""
-    return float(cell.split()[0].rstrip("*"))
+    """The value before its interval, without its marks."""
+    return float(cell.split()[0].rstrip("○□†"))
 
 
 def chart(page: Page, key: str) -> Locator:

@@ -31,6 +31,8 @@ def test_a_report_of_a_hostile_name_is_drawn_in_both_themes_printed_saved_and_fi
     page.locator("html[data-drawn]").wait_for()
     assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    cut = "of => of.filter(box => box.scrollWidth > box.clientWidth + 1).length"
+    assert page.locator("figure.figures > div").evaluate_all(cut) == 0, "no column is cut off"
     plots = page.locator(".plot")
     count = plots.count()
     assert count >= 12

@@ -2,24 +2,44 @@
 
 import os
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.browser.conftest import Open
-from tests.browser.running import TRAINING_MS, go, idle, upload, words
+from accpinn.study.snapshot_library import Library
+from tests.browser.conftest import App, Open
+from tests.browser.running import TRAINING_MS, chart, go, idle, open_tab, upload, words
 
 pytestmark = pytest.mark.browser
 FOLD, PAGE = 150, 350
 """Most words on the screen of 1440 by 900 at first, and on the page."""
 REAL = os.environ.get("OPENACC_DIR")
+STABILITY_TABS = ("Poles and responses", "Region", "Margin", "Measured")
 FOUR_CARS = "AstaZero/ASta_040719_platoon5.csv"
+CASALE = "Casale/part7.csv"
 LONGEST_MS = 3 * TRAINING_MS
+MANY = 12
+"""Snapshots, more than a list shows at once."""
 
 
-def trained(page: Page, file: str) -> None:
+Counts = dict[str, tuple[int, int]]
+"""Words of the fold and of the page, by its title."""
+
+
+def require_few(counts: Counts) -> None:
+    """Refuse a page with too many words."""
+    for name, (fold, whole) in counts.items():
+        assert 0 < fold <= FOLD, (name, fold)
+        assert fold <= whole <= PAGE, (name, whole)
+
+
+def trained(page: Page, file: str, counts: Counts | None = None) -> None:
     """A training of the sample, or of the windows of a real recording."""
+    if counts is not None:
+        counts["at first"] = len(words(page, is_fold=True)), len(words(page))
     if file:
         upload(page, Path(REAL or "") / file)
         page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).click()
@@ -36,22 +56,110 @@ def trained(page: Page, file: str) -> None:
         pytest.param("/Data", FOUR_CARS, marks=pytest.mark.skipif(not REAL, reason="no OpenACC")),
     ],
 )
-def test_a_page_holds_few_words(opened: Open, start: str, file: str) -> None:
+def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -> None:
     page = opened(start)
     page.set_viewport_size({"width": 1440, "height": 900})
-    trained(page, file)
-    counts = {}
+    counts: Counts = {}
+    trained(page, file, counts)
+    for title in ("Home", "Data"):
+        go(page, title)
+        shown = page.locator(".runs .strip-row").first if title == "Home" else (
+            page.locator(".js-plotly-plot").first
+        )  # fmt: skip
+        expect(shown).to_be_visible()
+        idle(page)
+        counts[title] = len(words(page, is_fold=True)), len(words(page))
     for title in ("Train", "Stability", "Platoon"):
         go(page, title)
         expect(page.locator(".strip-row[data-row]").first).to_be_visible()
         expect(page.locator(".js-plotly-plot").first).to_be_visible()
         idle(page)
         counts[title] = len(words(page, is_fold=True)), len(words(page))
+        for tab in STABILITY_TABS if title == "Stability" else ():
+            open_tab(page, tab)
+            idle(page)
+            counts[tab] = counts[title][0], len(words(page))
+    go(page, "Snapshots")
+    save = page.get_by_role("button", name="Save", exact=True)
+    save.wait_for()
+    idle(page)
+    counts["Snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    save.click()
+    page.get_by_role("button", name=re.compile("Verify")).wait_for()
+    expect(page.locator(".js-plotly-plot").first).to_be_visible()
+    idle(page)
+    counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
+    library = Library(app.snapshots)
+    result = library.read(library.entries()[0].id)
+    for k in range(MANY - 1):
+        library.add(replace(result, name=f"{result.name}, {k}"))
+    page.get_by_role("button", name="All snapshots").click()
+    more = page.get_by_role("button", name=f"Show all {MANY}")
+    more.wait_for()
+    idle(page)
+    counts["many snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    more.click()
+    page.get_by_text("search for the others").wait_for()
+    idle(page)
+    counts["all snapshots"] = 1, len(words(page))
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(file or "sample", counts)
-    assert all(0 < fold <= FOLD and fold <= whole <= PAGE for fold, whole in counts.values()), (
-        counts
-    )
+    require_few(counts)
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["", pytest.param("Casale/part7.csv", marks=pytest.mark.skipif(not REAL, reason="no OpenACC"))],
+)
+def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
+    page = opened("/Data")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    if file:
+        upload(page, Path(REAL or "") / file)
+        page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).wait_for()
+    else:
+        page.get_by_role("button", name="Open this sample").click()
+    counts = {}
+
+    def count(name: str, key: str) -> None:
+        chart(page, key)
+        idle(page)
+        counts[name] = len(words(page, is_fold=True)), len(words(page))
+
+    go(page, "Compare")
+    page.get_by_role("button", name="Run all methods").click()
+    page.get_by_role("tab", name="Numbers").wait_for(timeout=LONGEST_MS)
+    count("methods", "compare_estimates")
+    page.get_by_text("Car-following models", exact=True).click()
+    page.get_by_role("button", name="Compare 4 models").click()
+    page.get_by_role("button", name="Use these models").wait_for(timeout=LONGEST_MS)
+    count("models", "models_cars")
+    go(page, "Database")
+    count("database", "database_forest")
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    print(file or "sample", counts)
+    require_few(counts)
+
+
+@pytest.mark.skipif(not REAL, reason="no OpenACC")
+def test_the_reproduced_paper_holds_few_words(opened: Open, app: App) -> None:
+    for name in (FOUR_CARS, CASALE):
+        (app.recordings / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(Path(REAL or "") / name, app.recordings / name)
+    page, counts = opened("/Reproduce"), {}
+    page.set_viewport_size({"width": 1440, "height": 900})
+    button = page.get_by_role("button", name="Reproduce all")
+    for state in ("before", "learned"):
+        expect(page.locator(".js-plotly-plot")).to_have_count(11)
+        idle(page)
+        counts[state] = len(words(page, is_fold=True)), len(words(page))
+        if state == "before":
+            button.click()
+            page.get_by_role("button", name="Stop").wait_for()
+            button.wait_for(timeout=LONGEST_MS)
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    print(counts)
+    require_few(counts)
 
 
 def test_a_row_gives_its_reasons_and_opens_its_car(opened: Open) -> None:

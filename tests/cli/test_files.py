@@ -39,14 +39,14 @@ def test_a_report_is_beside_the_snapshot_or_where_asked(
     written = file.with_name("small.html")
     assert capsys.readouterr().out.strip() == str(written)
     assert load(file).id in written.read_text(encoding="utf-8")
-    kept, place = save(whole(), tmp_path / "whole.accpinn.zip"), tmp_path / "r.html"
-    assert main(["report", str(kept), "--recording", str(PLATOON), "-o", str(place)]) == 0
+    snapshot, place = save(whole(), tmp_path / "whole.accpinn.zip"), tmp_path / "r.html"
+    assert main(["report", str(snapshot), "--recording", str(PLATOON), "-o", str(place)]) == 0
     page = place.read_text(encoding="utf-8")
     assert "Outside the window" in page
     elsewhere = PLATOON.with_name("synthetic_paper_study.csv")
     capsys.readouterr()
-    said = refused(capsys, 1, "report", kept, "--recording", elsewhere, "-o", place)
-    assert PLATOON.name in said
+    sentence = refused(capsys, 1, "report", snapshot, "--recording", elsewhere, "-o", place)
+    assert PLATOON.name in sentence
 
 
 def test_a_report_without_curves_shows_no_series(
@@ -59,7 +59,7 @@ def test_a_report_without_curves_shows_no_series(
     capsys.readouterr()
 
 
-def test_verify_says_yes(file: Path, capsys: Capture) -> None:
+def test_verify_reproduces_a_sound_snapshot(file: Path, capsys: Capture) -> None:
     printed = document(capsys, "verify", file)
     assert printed["ok"] is True
     states = {check["part"]: check["state"] for check in printed["checks"]}
@@ -119,7 +119,7 @@ def test_a_point_has_verdicts_and_a_measured_gain_but_no_probability(
     assert "robability" not in printed
 
 
-def test_what_is_against_an_estimate_is_printed_beside_its_conclusions(
+def test_evidence_against_an_estimate_is_printed_beside_its_conclusions(
     tmp_path: Path, capsys: Capture
 ) -> None:
     missing, against = missing_the_drive(whole())
@@ -146,7 +146,7 @@ def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: C
 @pytest.mark.parametrize(
     "options", [("--out", "missing/a"), ("--out", "x" * 300), ("--out", "a", "--name", "x" * 300)]
 )
-def test_what_cannot_be_kept_is_said_before_any_work(
+def test_a_snapshot_that_cannot_be_saved_is_refused_before_any_work(
     capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -176,16 +176,16 @@ def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capt
 
 
 def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
-    found = document(capsys, "info", PLATOON)
-    assert found.keys() >= {
+    output = document(capsys, "info", PLATOON)
+    assert output.keys() >= {
         "campaign", "date", "acc_flag", "distance_setting", "samples", "duration", "sample_time",
         "vehicles", "warnings",
     }  # fmt: skip
-    assert (found["samples"], found["duration"], found["sample_time"]) == (4001, 400.0, 0.1)
-    assert [vehicle["index"] for vehicle in found["vehicles"]] == [1, 2, 3, 4, 5]
-    for vehicle in found["vehicles"]:
+    assert (output["samples"], output["duration"], output["sample_time"]) == (4001, 400.0, 0.1)
+    assert [vehicle["index"] for vehicle in output["vehicles"]] == [1, 2, 3, 4, 5]
+    for vehicle in output["vehicles"]:
         assert vehicle.keys() >= {"index", "name", "present", "missing", "modes"}
-    leader, follower = found["vehicles"][:2]
+    leader, follower = output["vehicles"][:2]
     assert leader["modes"] is None
     assert follower["modes"]["ACC"] == 4001
     assert main(["info", str(STUDY)]) == 0
@@ -193,31 +193,31 @@ def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
 
 
 def test_a_trajectory_of_a_table_of_pairs(capsys: Capture, tmp_path: Path) -> None:
-    path, kept, three = tmp_path / "pairs.csv", tmp_path / "b.accpinn.zip", platoon(3, 400)
+    path, snapshot, three = tmp_path / "pairs.csv", tmp_path / "b.accpinn.zip", platoon(3, 400)
     other = frame(400)
     path.write_bytes(table(pair(three, 1, "7"), pair(three, 2, "8"), pair(other, 1, "9")))
     assert len(document(capsys, "info", path, "--trajectory", 8)["vehicles"]) == 3
     chosen = ("--trajectory", 9)
-    fitted = document(capsys, "fit", path, *chosen, *METHOD, "--duration", 30, "--out", kept)
+    fitted = document(capsys, "fit", path, *chosen, *METHOD, "--duration", 30, "--out", snapshot)
     assert fitted["segment"]["vehicles"] == [1, 2]
     assert "choose a trajectory (--trajectory): 7, 9" in refused(capsys, 1, "info", path)
-    found = document(capsys, "verify", kept, "--recording", path)  # the snapshot names it
-    assert found["ok"] is True
-    assert "--recording" not in {one["cure"] for one in found["not_checked"]}
+    output = document(capsys, "verify", snapshot, "--recording", path)  # the snapshot names it
+    assert output["ok"] is True
+    assert "--recording" not in {check["cure"] for check in output["not_checked"]}
 
 
 def test_a_mapping_serves_every_command_and_is_kept_in_the_snapshot(
     capsys: Capture, tmp_path: Path
 ) -> None:
     path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
-    kept = tmp_path / "mine.accpinn.zip"
+    snapshot = tmp_path / "mine.accpinn.zip"
     foreign(frame(401)).to_csv(path, index=False)
     assert "--mapping" in refused(capsys, 1, "info", path)
     mapping.write_text(MAPPING)
-    document(capsys, "fit", path, "--mapping", mapping, *METHOD, "--out", kept)
+    document(capsys, "fit", path, "--mapping", mapping, *METHOD, "--out", snapshot)
     assert "--mapping" in refused(capsys, 1, "info", path)  # nothing is remembered
-    assert load(kept).analysis.source.mapping == load_mapping(mapping)
-    verified = document(capsys, "verify", kept, "--recording", path)
+    assert load(snapshot).analysis.source.mapping == load_mapping(mapping)
+    verified = document(capsys, "verify", snapshot, "--recording", path)
     assert verified["ok"] is True
     assert "--recording" not in [check["cure"] for check in verified["not_checked"]]
 
@@ -240,8 +240,8 @@ def test_an_empty_mapping_is_refused(capsys: Capture, tmp_path: Path) -> None:
     path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
     foreign(frame(401)).to_csv(path, index=False)
     mapping.write_text("{}")
-    said = refused(capsys, 1, "info", path, "--mapping", mapping)
-    assert "mapping.json: this is no mapping" in said
+    sentence = refused(capsys, 1, "info", path, "--mapping", mapping)
+    assert "mapping.json: this is no mapping" in sentence
 
 
 # Given parameters
@@ -262,6 +262,11 @@ def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert found["crossover"] == expected.crossover
     assert found["smallest_tau"] == vars(expected.smallest_tau)
     assert all(found[name]["reason"] for name in ("l2", "linf_paper", "linf_exact"))
+    needed = TESLA.tau - expected.smallest_tau.l2
+    assert found["margin"]["l2"]["margin"] == pytest.approx(needed)
+    assert found["margin"]["l2"]["state"] == "too_short"
+    late = document(capsys, "stability", *GIVEN, "--delay", 3)["vehicles"][0]["margin"]["l2"]
+    assert (late["margin"], late["state"]) == (None, "never")
     bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
     assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
     assert main(["stability", *map(str, TWO)]) == 0
@@ -271,12 +276,12 @@ def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
 def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
     options = ("--vehicles", 3, "--frequency", 0.2, "--amplitude", 0.5, "--speed", 22)
     times = ("--settle", 10, "--duration", 400)
-    found = document(capsys, "simulate", *GIVEN, *options, *times)
+    output = document(capsys, "simulate", *GIVEN, *options, *times)
     run = simulate_platoon(ASTAZERO.parameters[[3] * 3], Sinusoid(0.2, 0.5, 22.0, 10.0, 400.0))
-    assert found["amplitude"] == run.amplitudes.measured.tolist()
-    assert found["predicted_amplitude"] == run.amplitudes.predicted.tolist()
-    assert found["minimum_gap"] == run.minimum_gap.tolist()
-    assert (found["collisions"], found["growth_interval"]) == ([], None)
+    assert output["amplitude"] == run.amplitudes.measured.tolist()
+    assert output["predicted_amplitude"] == run.amplitudes.predicted.tolist()
+    assert output["minimum_gap"] == run.minimum_gap.tolist()
+    assert (output["collisions"], output["growth_interval"]) == ([], None)
     assert main([str(part) for part in ("simulate", *GIVEN, *options, *times)]) == 0
     peak = head_to_tail_peaks(ASTAZERO.parameters[[3] * 3]).omega[-1]
     assert f" {peak:.3g} rad/s" in capsys.readouterr().out, "what is amplified most"
@@ -285,8 +290,8 @@ def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
 
 def test_simulate_names_a_collision(capsys: Capture) -> None:
     options = [str(v) for v in ("--alpha", 0.05, "--beta", 0, "--tau", 1, "--amplitude", 5)]
-    found = document(capsys, "simulate", *options)
-    assert found["collisions"][0]["follower"] >= 1
-    assert found["warnings"]
+    output = document(capsys, "simulate", *options)
+    assert output["collisions"][0]["follower"] >= 1
+    assert output["warnings"]
     assert main(["simulate", *options]) == 0
-    assert f"Note: {found['warnings'][0]}" in capsys.readouterr().out
+    assert f"Note: {output['warnings'][0]}" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""What is wrong with data, files or usage: one line, the right exit status, nothing printed."""
+"""Faults of data, files or usage end in one line and the right exit status."""
 
 import pytest
 
@@ -20,7 +20,7 @@ UNREAD = (
         ["--iterations", "many"], ["--fixed", "s0"],
     )),
 )  # fmt: skip
-"""What cannot be parsed."""
+"""Command lines that cannot be parsed."""
 FIT, SETS = ("fit", STUDY), ("--beta", 1, "--tau", 1)
 JUDGE = ("compare", STUDY, "--models")
 
@@ -85,7 +85,7 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "leave --fixed and --case out", [*JUDGE, "idm", "--fixed", "T=0.5", "--case", "I"]),
     ],
 )  # fmt: skip
-def test_what_cannot_be_used_ends_in_one_line(
+def test_wrong_usage_ends_in_one_line_with_its_exit_status(
     capsys: Capture, status: int, words: str, arguments: list[object]
 ) -> None:
     assert words in refused(capsys, status, *arguments)

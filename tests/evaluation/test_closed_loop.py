@@ -69,36 +69,36 @@ class TestClosedLoop:
         segment = driven(MIXED)
         errors = ClosedLoop.of(segment, fit_with(segment, TRUTH)).errors
         assert max(errors.gap_mae.max(), errors.speed_mae.max()) < 1e-3
-        found = closed_loop_findings(segment, simulated(segment, "cthp", TRUTH))
-        assert found == ()
-        assert np.isnan(collision_times(found, segment.vehicles)).all()
+        findings = closed_loop_findings(segment, simulated(segment, "cthp", TRUTH))
+        assert findings == ()
+        assert np.isnan(collision_times(findings, segment.vehicles)).all()
 
     def test_only_the_leader_and_the_first_instant_go_in(self) -> None:
         segment = driven(MIXED)
         scrambled = segment.gaps.copy()
         scrambled[1:] += 100.0
         other = segment_of(segment.time, segment.speeds, scrambled)
-        one, two = simulated(segment, "cthp", TRUTH), simulated(other, "cthp", TRUTH)
-        np.testing.assert_array_equal(one.gaps, two.gaps)
-        np.testing.assert_array_equal(one.speeds[:, 0], segment.speeds[:, 0])
-        np.testing.assert_array_equal(one.gaps[0], segment.gaps[0])
+        first, second = simulated(segment, "cthp", TRUTH), simulated(other, "cthp", TRUTH)
+        np.testing.assert_array_equal(first.gaps, second.gaps)
+        np.testing.assert_array_equal(first.speeds[:, 0], segment.speeds[:, 0])
+        np.testing.assert_array_equal(first.gaps[0], segment.gaps[0])
 
 
 class TestFindings:
     def test_a_collision_has_its_instant_and_the_errors_stay(self) -> None:
         segment = driven((LAW,), duration=100.0)
         trajectories = simulated(segment, "cthp", SWAYING)
-        (found,) = closed_loop_findings(segment, trajectories)
-        assert isinstance(found, SimulatedCollision)
-        index = round(found.time / segment.sample_time)
+        (finding,) = closed_loop_findings(segment, trajectories)
+        assert isinstance(finding, SimulatedCollision)
+        index = round(finding.time / segment.sample_time)
         assert trajectories.gaps[index, 0] <= 0.0
         assert (trajectories.gaps[:index, 0] > 0.0).all()
-        assert found.smallest_gap == trajectories.gaps.min()
+        assert finding.smallest_gap == trajectories.gaps.min()
         errors = ClosedLoop.of(segment, fit_with(segment, SWAYING)).errors
         assert np.isfinite(errors.gap_mae).all()
         later = closed_loop_findings(replace(segment, start=250.0), trajectories)
         times = collision_times(later, segment.vehicles)
-        assert times - found.time == pytest.approx(250.0), "from the recording's first sample"
+        assert times - finding.time == pytest.approx(250.0), "from the recording's first sample"
 
     def test_where_the_measured_vehicles_touch_the_parameters_are_not_to_blame(self) -> None:
         segment = driven((LAW,), duration=100.0)
@@ -113,8 +113,8 @@ class TestFindings:
         assert np.isfinite(errors.gap_mae).tolist() == [True, False, False]
         assert np.isfinite(errors.speed_mae).tolist() == [True, True, False, False]
         trajectories = simulated(segment, "cthp", parameters)
-        found = closed_loop_findings(segment, trajectories)
-        (first, *_) = (one for one in found if isinstance(one, SimulatedDivergence))
+        findings = closed_loop_findings(segment, trajectories)
+        (first, *_) = (finding for finding in findings if isinstance(finding, SimulatedDivergence))
         assert first.vehicle == 3
         index = round(first.time / segment.sample_time)
         assert abs(trajectories.gaps[index - 1, 1]) <= DIVERGED < abs(trajectories.gaps[index, 1])
@@ -122,9 +122,9 @@ class TestFindings:
     def test_reversing_is_found_with_its_speed(self) -> None:
         segment = driven((LAW,), duration=100.0)
         trajectories = simulated(segment, "cthp", Parameters([1.0], [0.0], [0.01]))
-        found = closed_loop_findings(segment, trajectories)
-        (one,) = (one for one in found if isinstance(one, SimulatedReversing))
-        assert one.speed == -trajectories.speeds.min() > 1.0
+        findings = closed_loop_findings(segment, trajectories)
+        (finding,) = (finding for finding in findings if isinstance(finding, SimulatedReversing))
+        assert finding.speed == -trajectories.speeds.min() > 1.0
 
     def test_of_the_papers_casale_parameters(self, casale: Recording) -> None:
         """Table I, experiment 1: 0.47 m for the network's curve; simulated 13.6 m and a crash."""
@@ -132,9 +132,9 @@ class TestFindings:
         parameters = Parameters([0.0104], [0.0718], [1.52])
         errors = ClosedLoop.of(segment, fit_with(segment, parameters)).errors
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
-        (found,) = closed_loop_findings(segment, simulated(segment, "cthp", parameters))
-        assert isinstance(found, SimulatedCollision)
-        assert found.time == pytest.approx(222.6, abs=1.0)
+        (finding,) = closed_loop_findings(segment, simulated(segment, "cthp", parameters))
+        assert isinstance(finding, SimulatedCollision)
+        assert finding.time == pytest.approx(222.6, abs=1.0)
 
 
 BLOCK = Stretch(200, 349)
@@ -176,8 +176,8 @@ def test_nothing_is_read_of_what_was_not_measured(reader: str) -> None:
         for missing, values in zip(absent, (segment.speeds, segment.gaps), strict=True)
     )
     other = replace(segment, speeds=speeds, gaps=gaps)
-    one, two = (bits({"found": READERS[reader](each)}) for each in (segment, other))
-    assert one == two
+    value, changed = (bits({"found": READERS[reader](part)}) for part in (segment, other))
+    assert value == changed
 
 
 class TestMissingSamples:
@@ -210,9 +210,9 @@ class TestMissingSamples:
 
     def test_nowhere_without_an_instant_at_which_all_are_measured(self) -> None:
         segment = with_holes(whole(), {1: [Stretch(0, 299)], 2: [Stretch(300, 600)]})
-        found = evaluate(segment, fit())
-        assert (found.closed_loop, found.findings) == (None, ())
-        blocks = cross_validate([with_holes(whole(), {1: [Stretch(0, 250)]})], lambda rest: fit())
+        evaluation = evaluate(segment, fit())
+        assert (evaluation.closed_loop, evaluation.findings) == (None, ())
+        blocks = cross_validate([with_holes(whole(), {1: [Stretch(0, 250)]})], lambda _: fit())
         assert [block.window.start for block in blocks] == pytest.approx([20.0, 40.1])
         assert all(block.errors is not None for block in blocks)
 
@@ -220,8 +220,8 @@ class TestMissingSamples:
         crash = replace(fit(), parameters=Parameters.of([[0.05, 0.0, 0.3]]))
         segment = driven(MIXED[:1], noise=0.05)
         run = closed_loop(segment, crash)
-        found, *_ = closed_loop_findings(segment, run)
-        assert isinstance(found, SimulatedCollision)
-        hidden = with_holes(segment, {2: [Stretch(round(found.time / 0.1) - 1, 600)]})
+        collision, *_ = closed_loop_findings(segment, run)
+        assert isinstance(collision, SimulatedCollision)
+        hidden = with_holes(segment, {2: [Stretch(round(collision.time / 0.1) - 1, 600)]})
         others = closed_loop_findings(hidden, closed_loop(hidden, crash))
-        assert not any(isinstance(one, SimulatedCollision) for one in others)
+        assert not any(isinstance(finding, SimulatedCollision) for finding in others)

@@ -59,23 +59,23 @@ def test_of_several_windows_each_is_simulated_with_parameters_from_others(count:
     windows = [
         replace(driven(pair, duration=40.0 + k), start=100.0 * k) for k, pair in enumerate(laws)
     ]
-    asked: list[list[float]] = []
+    fitted: list[list[float]] = []
 
     def estimate(segments: Segments) -> Estimate:
-        asked.append([segment.start for segment in segments])
+        fitted.append([segment.start for segment in segments])
         return least_squares.METHOD.fit(segments)
 
     parts = cross_validate(windows, estimate)
     left_out = {2: [[0.0], [100.0]], 5: [[0.0, 300.0], [100.0, 400.0], [200.0]]}[count]
     starts = [window.start for window in windows]
-    assert asked == [[start for start in starts if start not in out] for out in left_out]
+    assert fitted == [[start for start in starts if start not in out] for out in left_out]
     assert [part.window.start for part in parts] == [start for out in left_out for start in out]
     durations = [window.window.duration for window in windows]
     assert sorted(part.window.duration for part in parts) == durations
     errors = {part.window.start: part.errors.gap_mae.max() for part in parts}
     assert errors[starts[-1]] > 1.0
-    known = next(out for out in left_out if starts[-1] in out)
-    assert all(errors[start] < 0.02 for start in known if start != starts[-1])
+    excluded = next(out for out in left_out if starts[-1] in out)
+    assert all(errors[start] < 0.02 for start in excluded if start != starts[-1])
     mean = np.average(
         [part.errors.gap_mae for part in parts],
         axis=0,
@@ -94,22 +94,24 @@ def test_too_few_windows_for_a_method_are_no_error() -> None:
 def test_the_middle_third_leaves_no_trace_in_its_bridge() -> None:
     segment = driven(MIXED[:2], noise=0.05)
     spoilt = np.where(np.abs(segment.time[:, None] - 30.0) < 9.9, 77.0, segment.gaps)
-    kept = np.ones(segment.gaps.shape, dtype=bool)
-    kept[200:400] = False
-    rest = without(segment, 200, 400)
-    assert rest.info.digest == without(replace(segment, gaps=spoilt), 200, 400).info.digest
-    np.testing.assert_array_equal(rest.gaps[kept], segment.gaps[kept])
-    one, other = (
-        RIVALS["splines"](each, "II").parameters.values
-        for each in (rest, replace(segment, mask=kept))
+    counted = np.ones(segment.gaps.shape, dtype=bool)
+    counted[200:400] = False
+    without_middle = without(segment, 200, 400)
+    assert (
+        without_middle.info.digest == without(replace(segment, gaps=spoilt), 200, 400).info.digest
     )
-    np.testing.assert_allclose(one, other, rtol=0.02)
+    np.testing.assert_array_equal(without_middle.gaps[counted], segment.gaps[counted])
+    estimate, masked = (
+        RIVALS["splines"](part, "II").parameters.values
+        for part in (without_middle, replace(segment, mask=counted))
+    )
+    np.testing.assert_allclose(estimate, masked, rtol=0.02)
     # The bridge is continuous and obeys dp/dt = Δv.
-    rest = without(driven(MIXED), 200, 400)
-    relative = rest.speeds[:, :-1] - rest.speeds[:, 1:]
+    without_middle = without(driven(MIXED), 200, 400)
+    relative = without_middle.speeds[:, :-1] - without_middle.speeds[:, 1:]
     trapezoid = (relative[1:] + relative[:-1]) * segment.sample_time / 2
-    np.testing.assert_allclose(np.diff(rest.gaps, axis=0), trapezoid, atol=2e-3)
-    assert np.abs(np.diff(rest.speeds, axis=0)).max() < 0.5
+    np.testing.assert_allclose(np.diff(without_middle.gaps, axis=0), trapezoid, atol=2e-3)
+    assert np.abs(np.diff(without_middle.speeds, axis=0)).max() < 0.5
 
 
 def test_too_little_for_a_method_is_no_error() -> None:
@@ -119,10 +121,10 @@ def test_too_little_for_a_method_is_no_error() -> None:
 
 
 def test_blocks_are_pooled_by_duration() -> None:
-    one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1))) for x in (1.0, 3.0))
-    first = ClosedLoop(Window(0.0, 10.0), one)
-    both = of_blocks((first, ClosedLoop(Window(20.0, 50.0), three)))
-    assert both.gap_mae[0] == pytest.approx(2.5)
+    low, high = (TrackingErrors(*(np.full(n, x) for n in (2, 1))) for x in (1.0, 3.0))
+    first = ClosedLoop(Window(0.0, 10.0), low)
+    pooled_errors = of_blocks((first, ClosedLoop(Window(20.0, 50.0), high)))
+    assert pooled_errors.gap_mae[0] == pytest.approx(2.5)
     assert of_blocks((first, ClosedLoop(Window(20.0, 50.0), None))) is None
 
 
@@ -142,9 +144,9 @@ def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:
 def test_the_idm_starts_outside_its_window_from_no_queue(astazero: Recording) -> None:
     segment = cut(astazero, 320.0, 100.0, (1, 2))
     fit = METHODS["simulation"].fit(segment, spec=ModelSpec("idm"))
-    found = evaluate(segment, fit, recording=astazero)
-    assert not [event for event in found.out_of_window_findings if event.time < 320.0]
-    assert found.out_of_window_seconds > 800.0
+    evaluation = evaluate(segment, fit, recording=astazero)
+    assert not [event for event in evaluation.out_of_window_findings if event.time < 320.0]
+    assert evaluation.out_of_window_seconds > 800.0
 
 
 def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused() -> None:
@@ -157,19 +159,19 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     elsewhere = replace(overlapping, source="another run")
     assert validation_findings([segment], elsewhere) == ()
     halves = [cut(recording, start, 100.0, (1, 2, 3)) for start in (0.0, 250.0)]
-    both = cut(recording, 50.0, 250.0, (1, 2, 3))
-    assert validation_findings(halves, both) == (ValidationOverlaps(100.0),)
+    overlapping = cut(recording, 50.0, 250.0, (1, 2, 3))
+    assert validation_findings(halves, overlapping) == (ValidationOverlaps(100.0),)
     together = evaluate(halves, fit).closed_loop
     alone = [evaluate(half, fit).closed_loop.gap_mae for half in halves]
     np.testing.assert_allclose(together.gap_mae, np.mean(alone, axis=0))
-    (found,) = validation_findings([segment], cut(recording, 200.0, 100.0, (3, 4, 5)))
-    assert isinstance(found, OtherVehicles)
-    assert found.learned == segment.labels[1:]
+    (finding,) = validation_findings([segment], cut(recording, 200.0, 100.0, (3, 4, 5)))
+    assert isinstance(finding, OtherVehicles)
+    assert finding.learned == segment.labels[1:]
     alike = [
         replace(s, names=("Car",) * 3) for s in (segment, cut(recording, 0.0, 90.0, (2, 3, 4)))
     ]
     learned, other = alike
-    found = validation_findings([learned], other)
-    assert OtherVehicles(learned.labels[1:], other.labels[1:]) in found
+    findings = validation_findings([learned], other)
+    assert OtherVehicles(learned.labels[1:], other.labels[1:]) in findings
     with pytest.raises(SegmentError, match="choose as many"):
         validation_findings([segment], cut(recording, 200.0, 100.0, (1, 2)))

@@ -29,16 +29,16 @@ def test_where_the_model_is_true_nothing_is_left() -> None:
     assert (residuals.shape, size, counts.all()) == ((3, 60), 10, True)
     assert np.abs(residuals).max() < 1e-3
     (window,) = followed(FOLLOWING["idm"], np.array([[1.2, 1.6, 1.1, 3.0, 40.0]]), 1, 0.0, 60.0)
-    found = RIVALS["simulation"](window, spec=ModelSpec("idm"))
-    assert np.abs(residuals_of(window, found)[0]).max() < 0.02
+    estimate = RIVALS["simulation"](window, spec=ModelSpec("idm"))
+    assert np.abs(residuals_of(window, estimate)[0]).max() < 0.02
 
 
 def test_a_command_that_comes_late_is_taken_late() -> None:
     segment = disturbed(TRUE, 1, Disturbance(1e-6, lag=0.5, delay=0.6), duration=60.0, noise=None)
     late = Parameters(*LAW, lag=[0.5], delay=0.6)
     taken, not_taken = (
-        np.abs(residuals_of(segment, with_parameters(segment, one))[0][0, 3:]).max()
-        for one in (late, TRUE)
+        np.abs(residuals_of(segment, with_parameters(segment, parameters))[0][0, 3:]).max()
+        for parameters in (late, TRUE)
     )
     assert taken < 0.05 < not_taken
 
@@ -47,23 +47,23 @@ def test_of_disturbances_without_memory_nearly_all_lie_within_the_limits() -> No
     within = []
     for seed in range(6):
         segment = disturbed(TRUE, seed, Disturbance(0.25, 0.05), duration=300.0, noise=None)
-        for found in residual_correlations(segment, with_parameters(segment, TRUE), 0):
-            within.append(np.abs(found.values) < found.limit)
+        for correlogram in residual_correlations(segment, with_parameters(segment, TRUE), 0):
+            within.append(np.abs(correlogram.values) < correlogram.limit)
     assert 0.96 < np.concatenate(within).mean() <= 1.0
 
 
 def test_a_disturbance_that_lasts_is_correlated_with_itself_alone() -> None:
-    """As a first-order process of 4 s, exp(-lag / 4 s) but for means over a second."""
-    own, ahead = [], []
+    """A first-order process of 4 s, exp(-lag / 4 s) but for means over a second."""
+    itself, ahead = [], []
     for seed in range(4):
         segment = disturbed(TRUE, seed, Disturbance(0.25, 4.0), duration=600.0, noise=None)
         with_itself, with_ahead = residual_correlations(segment, with_parameters(segment, TRUE), 0)
         assert (with_itself.values[:4] > with_itself.limit).all()
-        own.append(with_itself.values)
+        itself.append(with_itself.values)
         ahead.append(np.abs(with_ahead.values) < with_ahead.limit)
     assert with_itself.lags.tolist() == [*range(1, LONGEST_LAG + 1)]
     assert with_ahead.lags.tolist() == [*range(-LONGEST_LAG, LONGEST_LAG + 1)]
-    np.testing.assert_allclose(np.mean(own, axis=0)[:4], np.exp(-np.arange(1, 5) / 4), atol=0.12)
+    np.testing.assert_allclose(np.mean(itself, axis=0)[:4], np.exp(-np.arange(1, 5) / 4), atol=0.12)
     assert np.mean(ahead) > 0.9, "neighbouring lags go together"
 
 
@@ -84,9 +84,9 @@ def test_seconds_that_do_not_count_leave_no_trace_and_too_few_say_nothing() -> N
     wild = replace(segment, mask=mask, gaps=np.where(mask, segment.gaps, 500.0))
     masked = replace(segment, mask=mask)
     estimate = with_parameters(segment, TRUE)
-    pairs = [residual_correlations(one, estimate, 0) for one in (masked, wild)]
-    for one, other in zip(*pairs, strict=True):
-        np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+    pairs = [residual_correlations(part, estimate, 0) for part in (masked, wild)]
+    for part, other in zip(*pairs, strict=True):
+        np.testing.assert_allclose(part.values, other.values, atol=1e-12)
     assert residuals_of(masked, estimate)[1].sum() == 110
     short = segment.part(0, 10 * FEWEST)
     assert residual_correlations(short, estimate, 0) is None

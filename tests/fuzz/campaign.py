@@ -24,10 +24,10 @@ def attempt(kind: Kind, content: bytes) -> bool:
         try:
             is_used = kind.use(content, Path(folder) / "example")
         except AccpinnError as fault:
-            is_used, said = False, str(fault)
-            assert said.endswith(".")
-            assert "\n" not in said
-            assert len(said) <= LONGEST_SENTENCE
+            is_used, sentence = False, str(fault)
+            assert sentence.endswith(".")
+            assert "\n" not in sentence
+            assert len(sentence) <= LONGEST_SENTENCE
         seconds, memory = time.process_time() - started, _peak() - taken
     assert seconds <= kind.most_seconds
     assert memory <= kind.most_bytes

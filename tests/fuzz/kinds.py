@@ -1,7 +1,7 @@
-"""What a stranger may hand over, by kind: how an example is drawn, and what is done with it.
+"""Kinds of hostile input: how an example is drawn, and how it is used.
 
-An example is one file, or what a command line or a table is made from, as a JSON text. Whatever is
-done with it ends in one of two ways: it is refused in the project's own error, or it is used.
+An example is one file, or a command line or recipe of a table as a JSON text. It is either refused
+in the project's own error, or used.
 """
 
 import io
@@ -89,13 +89,13 @@ class Kind:
     """Does with it what the app and the command line do, in an empty folder; whether anything came
     of it. A refusal may be an `AccpinnError`, too."""
     ending: str
-    """Of the file's name."""
+    """Ending of the file's name."""
     examples: int = 0
     """How many of them are tried with all other tests; `make fuzz` goes on from there."""
     most_seconds: float = 5.0
-    """Of processor time for one example."""
+    """Most processor time for one example, in s."""
     most_bytes: float = 1e9
-    """Of memory that it takes beyond what was taken before."""
+    """Most memory that an example takes, in bytes."""
 
 
 # Recordings
@@ -108,15 +108,15 @@ def recordings() -> tuple[tuple[bytes, int], ...]:
     OpenACC files made for a test, the first rows of the samples and of real ones; two vehicles
     behind a leader as a table of pairs, and a part of it.
     """
-    found = [csv(platoon(samples=300)), csv(platoon(2, 200), metadata(("A", "B")), "\n")]
+    contents = [csv(platoon(samples=300)), csv(platoon(2, 200), metadata(("A", "B")), "\n")]
     files = sorted(FOLDER.glob("*.csv"))
     folder = os.environ.get("OPENACC_DIR", "")
     files += sorted(Path(folder).glob("*/*.csv"))[::3] if folder else []
     for file in files:
         with file.open("rb") as lines:
-            found.append(b"".join(line for line, _ in zip(lines, range(300), strict=False)))
+            contents.append(b"".join(line for line, _ in zip(lines, range(300), strict=False)))
     pairs = [pair(platoon(samples=200), k, f"t{k}").drop(columns="Extra") for k in (1, 2)]
-    return (table(*pairs), 0), (table(pairs[0]), 0), *((data, 5) for data in found)
+    return (table(*pairs), 0), (table(pairs[0]), 0), *((data, 5) for data in contents)
 
 
 def draw_recording(draw: Random) -> bytes:
@@ -130,22 +130,22 @@ def draw_recording(draw: Random) -> bytes:
 
 
 def use_recording(data: bytes, _: Path) -> bool:
-    """What page Data does with all recordings of a file, and with one that is named."""
+    """Read all recordings of a file, and one by name, as page Data does."""
     try:
-        found = [one for one in read_all(data, "run.csv") if isinstance(one, Recording)]
+        runs = [run for run in read_all(data, "run.csv") if isinstance(run, Recording)]
     except AccpinnError as fault:
         if not str(fault).startswith("run.csv"):
             raise ValueError(f"The file is not named: {fault}") from fault
         raise
-    for recording in found[:3]:
+    for recording in runs[:3]:
         assert (np.diff(recording.time) > 0).all()
         assert not np.isinf(recording.speed).any()
         vehicles = len(recording.vehicles)
         assert vehicles == recording.speed.shape[1] == recording.gap.shape[1] + 1
         look_at(recording)
-    if found and found[0].trajectory:
-        read(data, "run.csv", trajectory=found[0].trajectory.split(",")[0])
-    return bool(found)
+    if runs and runs[0].trajectory:
+        read(data, "run.csv", trajectory=runs[0].trajectory.split(",")[0])
+    return bool(runs)
 
 
 def look_at(recording: Recording) -> None:
@@ -177,13 +177,13 @@ def mapped_table() -> bytes:
 def draw_mapping(draw: Random) -> bytes:
     """A mapping, spoilt as a document or as bytes."""
     spare = ("modes", "trajectory")
-    kept = {
+    choices = {
         name: part for name, part in MAPPING.items() if name not in spare or draw.random() < 0.5
     }
     if draw.random() < 0.3:
-        kept["sample_time"] = 0.1
-        del kept["time"]
-    data = json.dumps(spoil_tree(kept, draw), ensure_ascii=False).encode("utf-8", "replace")
+        choices["sample_time"] = 0.1
+        del choices["time"]
+    data = json.dumps(spoil_tree(choices, draw), ensure_ascii=False).encode("utf-8", "replace")
     return spoil_bytes(data, draw) if draw.random() < 0.3 else data
 
 
@@ -191,9 +191,9 @@ def use_mapping(data: bytes, folder: Path) -> bool:
     """Read it, and a table by it."""
     (folder / "mapping.json").write_bytes(data)
     mapping = load_mapping(folder / "mapping.json")
-    for found in read_all(mapped_table(), "t.csv", mapping=mapping):
-        if isinstance(found, Recording):
-            look_at(found)
+    for recording in read_all(mapped_table(), "t.csv", mapping=mapping):
+        if isinstance(recording, Recording):
+            look_at(recording)
     trajectory = "a" if mapping.trajectory else None
     read(mapped_table(), "t.csv", mapping=mapping, trajectory=trajectory)
     return True
@@ -264,8 +264,8 @@ def use_snapshot(data: bytes, _: Path) -> bool:
         render_report(snapshot, checked)
     words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
     words.cautions(snapshot)
-    for one in tables_of(snapshot).values():
-        one.to_text(), one.to_csv(), one.to_latex(), one.to_html()
+    for rows in tables_of(snapshot).values():
+        rows.to_text(), rows.to_csv(), rows.to_latex(), rows.to_html()
     with suppress(AccpinnError):
         parameter_card(snapshot)
         snapshot_types(snapshot, 5)
@@ -302,7 +302,7 @@ def use_archive(data: bytes, _: Path) -> bool:
     with suppress(AccpinnError):
         used = bool(load(data))
     with suppress(AccpinnError):
-        used |= any(isinstance(one, Recording) for one in read_all(data, "a.zip"))
+        used |= any(isinstance(run, Recording) for run in read_all(data, "a.zip"))
     return used
 
 
@@ -351,10 +351,10 @@ FAULTS_OF_DISK = (
 
 
 def draw_faults(draw: Random) -> bytes:
-    """What the store is asked for, each with a fault of the machine or without."""
-    asked = [draw.choice(("keep", "list", "session", "owner")) for _ in range(5)]
+    """Requests to the store, each with a fault of the machine or without."""
+    requests = [draw.choice(("keep", "list", "session", "owner")) for _ in range(5)]
     faults = FAULTS_OF_DISK if draw.random() < 0.7 else (None,)
-    return json.dumps([(one, draw.choice((None, *faults))) for one in asked]).encode()
+    return json.dumps([(request, draw.choice((None, *faults))) for request in requests]).encode()
 
 
 def use_faults(data: bytes, folder: Path) -> bool:
@@ -362,12 +362,12 @@ def use_faults(data: bytes, folder: Path) -> bool:
     store, library = Store(folder), Library(folder)
     store.keep_session("ann", b"open")
     name = library.add(small_bytes(), "ann")
-    asked = json.loads(data)
+    requests = json.loads(data)
     actions: dict[str, Callable[[], object]] = {
         "keep": lambda: store.keep_session("bob", b"too"), "list": library.entries,
         "session": lambda: store.session("ann"), "owner": lambda: library.owner(name),
     }  # fmt: skip
-    for action, fault in asked:
+    for action, fault in requests:
         error = sqlite3.OperationalError("a fault of the machine")
         error.sqlite_errorcode = getattr(sqlite3, fault or "SQLITE_FULL")
         with patch("sqlite3.connect", side_effect=error) if fault else nullcontext():
@@ -375,7 +375,7 @@ def use_faults(data: bytes, folder: Path) -> bool:
     assert (store.session("ann"), library.owner(name)) == (b"open", "ann")
     assert [entry.id for entry in library.entries()] == [name]
     assert not [*folder.glob("*damaged*")]
-    return not any(fault for _, fault in asked)
+    return not any(fault for _, fault in requests)
 
 
 # Studies
@@ -487,9 +487,9 @@ def use_arguments(data: bytes, folder: Path) -> bool:
             status = cli.main(given)
         except SystemExit as end:
             status = int(end.code or 0)
-    said = [line for line in err.getvalue().splitlines() if line.startswith("error: ")]
+    errors = [line for line in err.getvalue().splitlines() if line.startswith("error: ")]
     assert status in (0, 1, 2), status
-    assert len(said) == (1 if status else 0), err.getvalue()
+    assert len(errors) == (1 if status else 0), err.getvalue()
     assert "Traceback" not in err.getvalue(), err.getvalue()
     if status == 0 and "--json" in given and not {"-h", "--help", "--version"} & set(given):
         strict(out.getvalue())
@@ -529,7 +529,7 @@ def use_large(content: bytes, folder: Path) -> bool:
         load_mapping(folder / "large")
     with suppress(AccpinnError):
         _ = opened(content, "large.csv", LONG).runs
-    return bool(next(one for one in read_all(content, "large.csv")))
+    return bool(next(run for run in read_all(content, "large.csv")))
 
 
 KINDS = {

@@ -17,13 +17,13 @@ TOKENS = (
     "../../etc/passwd",
     "%s%n", "{}", "[]", "<b>", "\\", "\t", "\r", "\n", ",", ";", ",,,,,,,,", "#", "\x1b[31m",
 )  # fmt: skip
-"""What may stand in a cell, an argument or a link."""
+"""Values of a cell, an argument or a link."""
 VALUES = (
     None, True, False, 0, -1, 1, 2**62, -(2**62), 0.0, -0.0, 1e308, -1e308, 1e-320, 1e40, 1e-40,
     0.5, "nan", "inf", "-inf", "", "x", "x" * 5000, "\x1b[31m", "\u202e", [], {}, [[]], [0.5] * 3,
     "segments.0.speeds", "estimate.curves.0.time",
 )  # fmt: skip
-"""What may stand in a JSON document."""
+"""Values in a JSON document."""
 
 
 def text(draw: Random) -> str:
@@ -38,13 +38,13 @@ def spoil_bytes(data: bytes, draw: Random) -> bytes:
     for _ in range(draw.choice((1, 1, 2, 5))):
         at, other = (draw.randrange(len(data) + 1) for _ in range(2))
         end = at + draw.choice((1, 2, 8, 100, 3000))
-        part, said = data[at:end], text(draw).encode()
+        part, inserted = data[at:end], text(draw).encode()
         noise = draw.randbytes(min(20, len(part)))
         several = part * draw.choice((2, 3, 51))
-        pieces = (b"", noise, several, said, said + part, data[other : other + 500])
+        pieces = (b"", noise, several, inserted, inserted + part, data[other : other + 500])
         replaced = [data[:at] + piece + data[end:] for piece in pieces]
         old, new = (bytes([draw.choice(b',;\t\n\r. "0159-e')]) for _ in range(2))
-        data = draw.choice((*replaced, data[:at], said + data, data.replace(old, new)))
+        data = draw.choice((*replaced, data[:at], inserted + data, data.replace(old, new)))
     return data
 
 
@@ -120,10 +120,10 @@ def spoil_tree(tree: Any, draw: Random) -> Any:
 
 def _somewhere(tree: Any, draw: Random) -> tuple[Any, Any]:
     """A container within a tree and one of its keys; None where the tree is none."""
-    found = (None, None)
+    parent = (None, None)
     while isinstance(tree, dict | list) and tree:
         key = draw.choice(sorted(tree)) if isinstance(tree, dict) else draw.randrange(len(tree))
-        found, tree = (tree, key), tree[key]
+        parent, tree = (tree, key), tree[key]
         if draw.random() < 0.15:
             break
-    return found
+    return parent

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from accpinn.recordings import Recording
-from accpinn.recordings.consistency import Inconsistency
 from accpinn.recordings.files import contradictions, opened
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.sampling import TargetLost
 from accpinn.units import GAP_UNITS, SPEED_UNITS
 from tests.support.tables import STEADY, Truth, drive, misread
@@ -75,10 +75,10 @@ def _unit(draw: Random) -> list[Any]:
     quantity = draw.choice(("speeds", "gap", "speeds and gap"))
     speed = draw.choice([*SPEED_UNITS]) if quantity != "gap" else "m/s"
     gap = draw.choice(("m", "ft", "cm")) if quantity != "speeds" else "m"
-    said = draw.choice(("brackets", "suffix", "row", "nowhere"))
-    if quantity == "speeds and gap" and said == "nowhere":
-        said = "brackets"  # both scaled alike cannot be told from a faster drive
-    return [speed, gap, said]
+    place = draw.choice(("brackets", "suffix", "row", "nowhere"))
+    if quantity == "speeds and gap" and place == "nowhere":
+        place = "brackets"  # both scaled alike cannot be told from a faster drive
+    return [speed, gap, place]
 
 
 def _lie(draw: Random) -> list[Any]:
@@ -167,7 +167,7 @@ def _change_values(columns: dict[str, Any], changes: dict[str, Any]) -> None:
 def _change_units(
     columns: dict[str, Any], names: dict[str, str], units: dict[str, str], changes: dict[str, Any]
 ) -> None:
-    speed, gap, said = changes.get("unit", ["m/s", "m", "nowhere"])
+    speed, gap, place = changes.get("unit", ["m/s", "m", "nowhere"])
     for key in ("lead", "ego"):
         columns[key] = columns[key] / SPEED_UNITS[speed]
     columns["gap"] = columns["gap"] / GAP_UNITS[gap]
@@ -175,16 +175,16 @@ def _change_units(
         key, unit = changes["one speed"]
         columns[key] = columns[key] / SPEED_UNITS[unit]
     if "lie" in changes:
-        speed, said = changes["lie"]
+        speed, place = changes["lie"]
     units |= {"t": "", "lead": speed, "ego": speed, "gap": gap}
     for key in ("lead", "ego", "gap"):
-        if said == "brackets":
+        if place == "brackets":
             names[key] += f" [{units[key]}]"
-        elif said == "suffix":
+        elif place == "suffix":
             names[key] += "_" + units[key].replace("/h", "h").replace("m/s", "mps").replace(
                 "/", "p"
             )
-    if said != "row":
+    if place != "row":
         units.clear()
     for key in ("lead", "ego", "gap"):
         columns[key] = columns[key].round(changes.get("rounded", [4])[0])

@@ -1,4 +1,4 @@
-"""What strangers may hand over is refused in a sentence, or used; see `kinds`.
+"""Hostile input is refused in a sentence, or used; see `kinds`.
 
 `make fuzz` goes on for some minutes, with other examples on every run.
 """
@@ -22,7 +22,7 @@ FINDINGS = Path("fuzz_findings")
 
 @pytest.mark.timeout(180 + SECONDS)
 @pytest.mark.parametrize("name", [name for name in KINDS if KINDS[name].examples or SECONDS])
-def test_what_a_stranger_hands_over(name: str) -> None:
+def test_hostile_input_is_refused_in_a_sentence_or_used(name: str) -> None:
     kind, end = KINDS[name], time.monotonic() + SECONDS
 
     def is_used(draw: random.Random) -> bool:

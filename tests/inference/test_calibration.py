@@ -20,8 +20,8 @@ LEVEL = 0.05
 @pytest.mark.slow
 def test_a_windows_posterior_is_calibrated() -> None:
     """Windows of 30 s: little more than the likelihood needs."""
-    found = [ranks_of_window(seed, "cthp", of_cars=False, duration=30.0) for seed in range(60)]
-    assert together(chances(np.array(found))) > LEVEL
+    ranks = [ranks_of_window(seed, "cthp", of_cars=False, duration=30.0) for seed in range(60)]
+    assert together(chances(np.array(ranks))) > LEVEL
 
 
 @pytest.mark.slow
@@ -29,14 +29,14 @@ def test_a_populations_posterior_is_calibrated(monkeypatch: pytest.MonkeyPatch) 
     """Two windows a car, so that both the other cars and these count."""
     monkeypatch.setattr(population, "CHAINS", 10)
     taught = population_of("cthp", 3)
-    found = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(150)]
-    assert together(chances(np.array(found))) > LEVEL
+    ranks = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(100)]
+    assert together(chances(np.array(ranks))) > LEVEL
 
 
 def test_a_slope_a_hill_and_a_u_are_not_flat() -> None:
     even = (np.arange(300) + 0.5) / 300
     wrong = even**1.3, 0.5 + 0.8 * (even - 0.5), np.where(even < 0.5, even**1.3, even ** (1 / 1.3))
     columns = np.stack([even, *wrong], axis=1)
-    each = chances(np.floor((DRAWS + 1) * columns).astype(int))
-    assert each[0] > 0.1
-    assert (each[1:] < 1e-3).all()
+    probabilities = chances(np.floor((DRAWS + 1) * columns).astype(int))
+    assert probabilities[0] > 0.1
+    assert (probabilities[1:] < 1e-3).all()

@@ -32,24 +32,24 @@ def driven(car: str) -> tuple[Segment, ...]:
 
 
 def given(parameters: Parameters) -> Uncertainty:
-    """What is known of parameters whose draws lie within a per cent of them."""
+    """The uncertainty of parameters whose draws lie within a per cent of them."""
     spread = 1.0 + 0.01 * np.random.default_rng(0).standard_normal((100, 1, 6))
     return from_draws(parameters, Parameters.of(parameters.complete * spread), 0.9)
 
 
 def check(car: str, parameters: Parameters) -> tuple[GainCheck, Uncertainty]:
-    known = given(parameters)
-    (found,) = gain_checks(driven(car), known)
-    return found, known
+    uncertainty = given(parameters)
+    (gain_check,) = gain_checks(driven(car), uncertainty)
+    return gain_check, uncertainty
 
 
 def test_a_car_that_obeys_its_estimate_is_not_contradicted() -> None:
     for car, parameters in (("loud", LOUD), ("calm", CALM)):
-        found, _ = check(car, parameters)
-        assert found.contradiction == ""
-        assert found.frequencies >= 8
-        assert found.rms < 0.8
-        assert abs(found.peak - found.model_peak) < 0.8
+        gain_check, _ = check(car, parameters)
+        assert gain_check.contradiction == ""
+        assert gain_check.frequencies >= 8
+        assert gain_check.rms < 0.8
+        assert abs(gain_check.peak - gain_check.model_peak) < 0.8
 
 
 @pytest.mark.parametrize(
@@ -63,29 +63,29 @@ def test_a_car_that_obeys_its_estimate_is_not_contradicted() -> None:
 def test_a_verdict_that_the_recording_denies_is_the_models_alone(
     car: str, parameters: Parameters, kind: str, part: str
 ) -> None:
-    found, known = check(car, parameters)
-    assert found.contradiction == kind
+    gain_check, uncertainty = check(car, parameters)
+    assert gain_check.contradiction == kind
     chosen = ParameterSet("made", ("Audi",), parameters)
-    assert part in found.sentence(chosen)
-    plain, checked = (KnownVehicles(chosen, known, by) for by in ((), (found,)))
+    assert part in gain_check.sentence(chosen)
+    plain, checked = (KnownVehicles(chosen, uncertainty, by) for by in ((), (gain_check,)))
     assert headline(checked) != headline(plain)
     table = verdict_table(checked)
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
-    assert mark.why == found.sentence(chosen)
+    assert mark.why == gain_check.sentence(chosen)
 
 
 def test_too_few_coherent_frequencies_say_nothing() -> None:
     calm = driven("calm")[0]
     short = replace(calm, time=calm.time[:400], speeds=calm.speeds[:400], gaps=calm.gaps[:400])
-    (found,) = gain_checks([short], given(LOUD))
-    assert found.frequencies < LEAST
-    assert not found.contradiction
-    assert "could not be held against" in found.sentence(ParameterSet("made", ("Audi",), LOUD))
+    (gain_check,) = gain_checks([short], given(LOUD))
+    assert gain_check.frequencies < LEAST
+    assert not gain_check.contradiction
+    assert "could not be held against" in gain_check.sentence(ParameterSet("made", ("Audi",), LOUD))
 
 
 def test_windows_are_averaged_as_one_measurement() -> None:
-    one, both = (gain_checks(driven("loud")[:n], given(LOUD))[0] for n in (1, 2))
-    assert both.rms < 0.5 * one.rms
+    first, averaged = (gain_checks(driven("loud")[:n], given(LOUD))[0] for n in (1, 2))
+    assert averaged.rms < 0.5 * first.rms
 
 
 TRUE = Parameters(0.1, 0.3, 1.2)
@@ -97,8 +97,8 @@ def windows() -> list[Segment]:
 
 
 def trusted(windows: list[Segment], parameters: Parameters, taus: tuple[float, ...]) -> Trust:
-    own = Parameters(np.full(4, 0.1), np.full(4, 0.3), np.array(taus))
-    return trust(windows, 2, [0], "cthp", parameters, own, 20.0)
+    by_window = Parameters(np.full(4, 0.1), np.full(4, 0.3), np.array(taus))
+    return trust(windows, 2, [0], "cthp", parameters, by_window, 20.0)
 
 
 def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_does_not(
@@ -109,11 +109,11 @@ def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_doe
     crash = trusted(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
     assert (crash.collides, crash.is_reproduced) == (True, False)
     assert crash.in_words != other.in_words
-    found = trusted(windows, TRUE, (1.2, 1.21, 1.3, 1.19))
-    assert (found.windows, found.same) == (4, 3)
-    assert found.is_reproduced
-    assert found.rmse < 1.5
-    assert found.deviation == pytest.approx(
+    finding = trusted(windows, TRUE, (1.2, 1.21, 1.3, 1.19))
+    assert (finding.windows, finding.same) == (4, 3)
+    assert finding.is_reproduced
+    assert finding.rmse < 1.5
+    assert finding.deviation == pytest.approx(
         np.sqrt(np.mean([window.gaps.var() for window in windows])), rel=1e-6
     )
 
@@ -121,11 +121,11 @@ def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_doe
 def test_a_method_without_own_estimates_of_windows_is_held_against_the_drive_alone(
     windows: list[Segment],
 ) -> None:
-    found = trust(windows, 2, [0], "cthp", TRUE, None, 20.0)
-    assert (found.windows, found.same) == (4, None)
-    assert found.is_reproduced
-    assert not found.is_contradicted
-    assert found.in_words.startswith("Based on 4 windows. ")
+    finding = trust(windows, 2, [0], "cthp", TRUE, None, 20.0)
+    assert (finding.windows, finding.same) == (4, None)
+    assert finding.is_reproduced
+    assert not finding.is_contradicted
+    assert finding.in_words.startswith("Based on 4 windows. ")
     other = trust(windows, 2, [0], "cthp", Parameters(0.02, 0.02, 2.5), None, 20.0)
     assert other.is_contradicted
 
@@ -139,9 +139,9 @@ def test_what_is_excluded_does_not_count_and_does_not_move_the_rest(
         replace(window, gaps=window.gaps + 40.0 * far[:, None], mask=~far[:, None])
         for window in windows
     ]
-    found, whole = trusted(moved, TRUE, (1.2,) * 4), trusted(windows, TRUE, (1.2,) * 4)
-    assert found.is_reproduced
-    assert found.rmse < 1.5
-    assert found.deviation < 1.5 * whole.deviation
+    masked, whole = trusted(moved, TRUE, (1.2,) * 4), trusted(windows, TRUE, (1.2,) * 4)
+    assert masked.is_reproduced
+    assert masked.rmse < 1.5
+    assert masked.deviation < 1.5 * whole.deviation
     everything = trusted([replace(window, mask=None) for window in moved], TRUE, (1.2,) * 4)
-    assert everything.rmse > 4 * found.rmse
+    assert everything.rmse > 4 * masked.rmse

@@ -21,8 +21,8 @@ TRUTH = Parameters.of([LAW])
 
 
 def uncertainty_of(*segments: Segment, case: Case = "II") -> Uncertainty:
-    found = estimated(segments, case, "cthp")
-    return from_draws(found.parameters, found.posterior.typical, 0.9)
+    estimate = estimated(segments, case, "cthp")
+    return from_draws(estimate.parameters, estimate.posterior.typical, 0.9)
 
 
 class TestWarnings:
@@ -41,11 +41,11 @@ class TestWarnings:
         speeds = 20 + 0.05 * rng.standard_normal((1201, 2))
         segment = segment_of(time, speeds, 30 + 0.05 * rng.standard_normal((1201, 1)))
         uncertainty = uncertainty_of(segment)
-        found, cure = identifiability(segment.info, assess_quality(segment), uncertainty)
-        assert isinstance(found, WeakIdentification)
-        assert found.wide
-        assert found.leader_deviation == pytest.approx(0.05, abs=0.003)
-        assert found.relative_deviation == pytest.approx(0.07, abs=0.005)
+        finding, cure = identifiability(segment.info, assess_quality(segment), uncertainty)
+        assert isinstance(finding, WeakIdentification)
+        assert finding.wide
+        assert finding.leader_deviation == pytest.approx(0.05, abs=0.003)
+        assert finding.relative_deviation == pytest.approx(0.07, abs=0.005)
         assert cure == NarrowerIntervals((2,), 120.0, None, is_excited=False)
 
     @pytest.mark.usefixtures("all_draws")
@@ -56,9 +56,9 @@ class TestWarnings:
         assert segment.speeds[:, 0].std() > 0.5
         uncertainty = uncertainty_of(segment, case=case)
         about = (segment.info, assess_quality(segment), uncertainty, case)
-        *found, cure = identifiability(*about, 1523.0)
-        assert [one.vehicle for one in found] == ([0] if case == "I" else [2, 3])
-        assert all(one.is_excited and one.wide for one in found)
+        *findings, cure = identifiability(*about, 1523.0)
+        assert [finding.vehicle for finding in findings] == ([0] if case == "I" else [2, 3])
+        assert all(finding.is_excited and finding.wide for finding in findings)
         assert cure == NarrowerIntervals((2, 3), 30.0, 1523.0, is_excited=True)
         *_, whole = identifiability(*about, 30.0)
         assert whole.recording is None, "a recording no longer than the window is no cure"

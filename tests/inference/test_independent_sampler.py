@@ -27,9 +27,9 @@ from tests.inference.test_population import BOTH, CENTRE, TAUGHT, drawn
 pytestmark = pytest.mark.usefixtures("all_draws")
 
 
-def agree(own: Moments, other: Moments) -> bool:
+def agree(ours: Moments, other: Moments) -> bool:
     """Means within .1 deviations, deviations within 10 %."""
-    return bool(100 * np.abs(own.beside(other)).max() < LIMIT)
+    return bool(100 * np.abs(ours.beside(other)).max() < LIMIT)
 
 
 @pytest.mark.parametrize("model", TRUTH)
@@ -39,15 +39,17 @@ def test_the_density_of_a_window_is_likelihood_and_prior_as_written_down(model: 
     series = series_of([disturbed([parameters], 1, disturbance, duration=60.0)], "II")
     rng = np.random.default_rng(2)
     unknowns = coordinates(model)
-    z = np.array([one.centre for one in unknowns]) + 0.3 * rng.standard_normal((30, len(unknowns)))
-    z = np.clip(z, *np.transpose([one.bounds for one in unknowns]))
+    z = np.array([unknown.centre for unknown in unknowns]) + 0.3 * rng.standard_normal(
+        (30, len(unknowns))
+    )
+    z = np.clip(z, *np.transpose([unknown.bounds for unknown in unknowns]))
     z[:, 1] = z[:, 0] + np.log(parameters.tau) + 0.3 * rng.standard_normal(30)
     phi = time_gap_coordinates(model).of_unknowns(z)
     x = np.concatenate([phi[:, :3], z[:, 3:]], axis=1)
     expected = log_density_of_window(model, series.measured[..., 0], series.step)(x)
-    each = _log_posterior(Criterion(series, ModelSpec(model)), z, np.zeros(30, int))
+    densities = _log_posterior(Criterion(series, ModelSpec(model)), z, np.zeros(30, int))
     volume = z[:, 1] - z[:, 0] - phi[:, 2]  # dx/dz = τ/G
-    np.testing.assert_allclose(np.ptp(sum(each) - volume - expected), 0.0, atol=1e-5)
+    np.testing.assert_allclose(np.ptp(sum(densities) - volume - expected), 0.0, atol=1e-5)
 
 
 @pytest.mark.slow
@@ -58,5 +60,5 @@ def test_the_posterior_of_a_window_is_that_of_an_ensemble_of_walkers() -> None:
 
 def test_the_posterior_of_a_population_is_that_of_an_ensemble_of_walkers() -> None:
     rng = np.random.default_rng(3)
-    told = drawn(rng.multivariate_normal(CENTRE, BOTH, 4), 3, 100)
-    assert agree(*of_population(*told, TAUGHT, walkers=60, steps=900, left_out=200))
+    windows_drawn = drawn(rng.multivariate_normal(CENTRE, BOTH, 4), 3, 100)
+    assert agree(*of_population(*windows_drawn, TAUGHT, walkers=60, steps=500, left_out=120))

@@ -36,24 +36,26 @@ def segment() -> Segment:
 def uncertainty_of(
     segment: Segment, case: Case = "II", level: float = 0.9, model: str = "cthp"
 ) -> Uncertainty:
-    """What follows from the draws of the estimate of one window."""
-    found = estimated(segment, case, model, level=level)
-    return from_draws(found.parameters, found.posterior.typical, level)
+    """The uncertainty of the estimate of one window, from its draws."""
+    estimate = estimated(segment, case, model, level=level)
+    return from_draws(estimate.parameters, estimate.posterior.typical, level)
 
 
 def test_are_repeatable_wider_for_a_higher_level_and_narrower_in_case_i(segment: Segment) -> None:
-    one = uncertainty_of(segment)
+    narrow = uncertainty_of(segment)
     window_posterior.cache_clear()
-    assert uncertainty_of(segment).draws == one.draws
+    assert uncertainty_of(segment).draws == narrow.draws
     wide = uncertainty_of(segment, level=0.99)
-    assert (wide.lower.values <= one.lower.values).all()
-    assert (wide.upper.values >= one.upper.values).all()
-    assert (wide.upper.values[:, :2] > one.upper.values[:, :2]).all()
+    assert (wide.lower.values <= narrow.lower.values).all()
+    assert (wide.upper.values >= narrow.upper.values).all()
+    assert (wide.upper.values[:, :2] > narrow.upper.values[:, :2]).all()
     shared = uncertainty_of(segment, "I")
     assert shared.lower[0] == shared.lower[1]
-    assert shared.upper.beta[0] - shared.lower.beta[0] < (one.upper.beta - one.lower.beta).max()
-    assert min(one.draws.values.min(), one.peak_gain.lower.min() - 1.0) >= 0.0
-    assert (one.linf_gain.lower >= one.peak_gain.lower - 1e-9).all()
+    assert (
+        shared.upper.beta[0] - shared.lower.beta[0] < (narrow.upper.beta - narrow.lower.beta).max()
+    )
+    assert min(narrow.draws.values.min(), narrow.peak_gain.lower.min() - 1.0) >= 0.0
+    assert (narrow.linf_gain.lower >= narrow.peak_gain.lower - 1e-9).all()
 
 
 def test_an_end_is_no_sharper_than_the_draws() -> None:
@@ -106,10 +108,10 @@ def test_where_nothing_moves_or_time_is_short_nothing_is_claimed(
     segment_of: Callable[[], Segment],
 ) -> None:
     segment = segment_of()
-    known = window_posterior(segment, "II", PAPER_SPEC)
-    assert np.isnan(known.estimates).all()
-    draws = coordinates_of("cthp").parameters(np.swapaxes(known.drawn, 0, 1), known.speeds)
-    uncertainty = from_draws(Parameters.of(known.estimates), draws, 0.9)
+    posterior = window_posterior(segment, "II", PAPER_SPEC)
+    assert np.isnan(posterior.estimates).all()
+    draws = coordinates_of("cthp").parameters(np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    uncertainty = from_draws(Parameters.of(posterior.estimates), draws, 0.9)
     for values in (uncertainty.probability_l2, uncertainty.centre.values, uncertainty.lower.values):
         assert np.isnan(values).all()
     assert np.isnan(gain_band(uncertainty, 0, np.array([0.1, 1.0])).upper).all()
@@ -125,12 +127,12 @@ def test_a_follower_that_is_hardly_measured_is_refused_by_name(segment: Segment)
 def test_an_estimate_of_zero_lies_in_its_interval() -> None:
     """The prior of ln β excludes zero, which the likelihood prefers."""
     segment = disturbed(Parameters.of([[0.1, 0.0, 1.2]]), 1, Disturbance(), duration=120.0)
-    found = estimated(segment, model="cthp")
-    assert found.parameters.beta[0] == 0.0, "the case needs such an estimate"
-    span = found.span("beta", 0)
+    estimate = estimated(segment, model="cthp")
+    assert estimate.parameters.beta[0] == 0.0, "the case needs such an estimate"
+    span = estimate.span("beta", 0)
     assert span.lower == span.value == 0.0 < span.upper
-    assert found.span("alpha", 0).lower > 0.0
-    assert (found.posterior.typical.beta > 0).all()
+    assert estimate.span("alpha", 0).lower > 0.0
+    assert (estimate.posterior.typical.beta > 0).all()
 
 
 def test_ends_are_those_of_the_known_draws_where_half_are_known() -> None:
@@ -152,41 +154,41 @@ def platoon() -> Segment:
 
 
 @pytest.fixture(scope="module")
-def found(platoon: Segment) -> Estimate:
+def estimate(platoon: Segment) -> Estimate:
     return estimated(platoon, model="cthp")
 
 
 @pytest.fixture(scope="module")
-def uncertainty(found: Estimate) -> Uncertainty:
-    return from_draws(found.parameters, found.posterior.typical, 0.9)
+def uncertainty(estimate: Estimate) -> Uncertainty:
+    return from_draws(estimate.parameters, estimate.posterior.typical, 0.9)
 
 
 def test_without_disturbance_and_doubt_it_is_the_closed_loop_simulation(
-    platoon: Segment, found: Estimate, uncertainty: Uncertainty, monkeypatch: pytest.MonkeyPatch
+    platoon: Segment, estimate: Estimate, uncertainty: Uncertainty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     still = np.array([[1e-9, 4.0, 0.2], [1e-9, 4.0, 0.2]])
     monkeypatch.setattr(prediction, "_disturbances", lambda *_: still)
     certain = Parameters.of(np.tile(TRUE, (SIMULATIONS, 1, 1)))
-    band = gap_band(platoon, found, replace(uncertainty, draws=certain))
+    band = gap_band(platoon, estimate, replace(uncertainty, draws=certain))
     # The band takes the leader's speed as straight over half a second.
     stride = stride_of(platoon)
     coarse = replace(
         platoon, time=platoon.time[::stride], speeds=platoon.speeds[::stride],
         gaps=platoon.gaps[::stride],
     )  # fmt: skip
-    expected = closed_loop(coarse, replace(found, parameters=certain[0]))
+    expected = closed_loop(coarse, replace(estimate, parameters=certain[0]))
     for end in (band.lower, band.upper):
         np.testing.assert_allclose(end, expected.gaps, atol=1e-5)
 
 
 def test_an_intercept_shifts_the_gaps_and_their_band(
-    platoon: Segment, found: Estimate, uncertainty: Uncertainty
+    platoon: Segment, estimate: Estimate, uncertainty: Uncertainty
 ) -> None:
-    band = gap_band(platoon, found, uncertainty)
+    band = gap_band(platoon, estimate, uncertainty)
     draws = uncertainty.draws.complete.copy()
     draws[..., 3] = 4.0
     with_intercept = replace(uncertainty, draws=Parameters.of(draws))
-    shifted = gap_band(replace(platoon, gaps=platoon.gaps + 4.0), found, with_intercept)
+    shifted = gap_band(replace(platoon, gaps=platoon.gaps + 4.0), estimate, with_intercept)
     np.testing.assert_allclose(shifted.lower, band.lower + 4.0, atol=1e-6)
     np.testing.assert_allclose(shifted.upper, band.upper + 4.0, atol=1e-6)
 
@@ -198,34 +200,38 @@ def test_a_command_that_comes_late_is_part_of_the_band(term: str, value: float) 
     segment = disturbed(quick, 5, Disturbance(standstill=5.0, **{term: value}), duration=120.0)
     with_term, without = (estimated(segment, model=model) for model in (spec.model, "cthp-s0"))
     bands = [
-        gap_band(segment, one, from_draws(one.parameters, one.posterior.typical, 0.9))
-        for one in (with_term, without)
+        gap_band(
+            segment, estimate, from_draws(estimate.parameters, estimate.posterior.typical, 0.9)
+        )
+        for estimate in (with_term, without)
     ]
     assert 0.8 < bands[0].findings[0].share <= 1.0
-    sizes = [one.arrays["unknowns"][0, 3] for one in (with_term, without)]
+    sizes = [estimate.arrays["unknowns"][0, 3] for estimate in (with_term, without)]
     assert sizes[0] < sizes[1], "what comes late is no disturbance"
 
 
 def test_it_holds_most_of_what_is_measured_and_begins_there(
-    platoon: Segment, found: Estimate, uncertainty: Uncertainty
+    platoon: Segment, estimate: Estimate, uncertainty: Uncertainty
 ) -> None:
-    band = gap_band(platoon, found, uncertainty)
+    band = gap_band(platoon, estimate, uncertainty)
     np.testing.assert_allclose(band.lower[0], platoon.measured_gaps[0])
     assert (band.upper[40:] - band.lower[40:] > 0.5).all()
-    assert [one.vehicle for one in band.findings] == [2, 3]
-    assert all(0.75 < one.share <= 1.0 for one in band.findings)
+    assert [finding.vehicle for finding in band.findings] == [2, 3]
+    assert all(0.75 < finding.share <= 1.0 for finding in band.findings)
     inside = (band.lower <= platoon.gaps[::5]) & (platoon.gaps[::5] <= band.upper)
-    assert [one.share for one in band.findings] == pytest.approx(inside.mean(axis=0).tolist())
+    assert [finding.share for finding in band.findings] == pytest.approx(
+        inside.mean(axis=0).tolist()
+    )
 
 
 def test_behind_a_follower_without_draws_there_is_no_band(
-    platoon: Segment, found: Estimate, uncertainty: Uncertainty
+    platoon: Segment, estimate: Estimate, uncertainty: Uncertainty
 ) -> None:
     values = uncertainty.draws.values.copy()
     values[:, 1] = np.nan
-    band = gap_band(platoon, found, replace(uncertainty, draws=Parameters.of(values)))
+    band = gap_band(platoon, estimate, replace(uncertainty, draws=Parameters.of(values)))
     assert np.isfinite(band.lower[:, 0]).all()
     assert np.isnan(band.lower[:, 1]).all()
-    assert [one.vehicle for one in band.findings] == [2]
+    assert [finding.vehicle for finding in band.findings] == [2]
     values[:, 0] = np.nan
-    assert gap_band(platoon, found, replace(uncertainty, draws=Parameters.of(values))) is None
+    assert gap_band(platoon, estimate, replace(uncertainty, draws=Parameters.of(values))) is None

@@ -75,13 +75,13 @@ def usual() -> Estimate:
     return estimated(windows(range(3)), model="cthp-s0")
 
 
-def findings_of(found: Estimate) -> tuple[object, ...]:
-    """What it should be read with."""
-    return posterior_findings(found, (1, *found.numbers))
+def findings_of(estimate: Estimate) -> tuple[object, ...]:
+    """Findings about its posterior."""
+    return posterior_findings(estimate, (1, *estimate.numbers))
 
 
-def different_windows(found: Estimate) -> list[object]:
-    return [f for f in findings_of(found) if isinstance(f, HeterogeneousWindows)]
+def different_windows(estimate: Estimate) -> list[object]:
+    return [f for f in findings_of(estimate) if isinstance(f, HeterogeneousWindows)]
 
 
 @pytest.mark.parametrize(
@@ -113,9 +113,9 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
 
 def test_where_s0_is_more_than_the_time_gap_the_gap_stays() -> None:
     phi = np.array([[np.log(0.1), np.log(0.4), np.log(gap), 20.0, 0.3] for gap in (0.5, 1.5)])
-    found = coordinates_of("cthp-s0-delay").parameters(phi, 20.0)
-    np.testing.assert_allclose(time_gap("cthp-s0-delay", found, AT_SPEED), [0.5, 1.5])
-    np.testing.assert_allclose(found.tau, [0.0, 1.5 - 20.0 / AT_SPEED], atol=1e-12)
+    parameters = coordinates_of("cthp-s0-delay").parameters(phi, 20.0)
+    np.testing.assert_allclose(time_gap("cthp-s0-delay", parameters, AT_SPEED), [0.5, 1.5])
+    np.testing.assert_allclose(parameters.tau, [0.0, 1.5 - 20.0 / AT_SPEED], atol=1e-12)
 
 
 def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
@@ -125,21 +125,22 @@ def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
     series, model = series_of((segment,), "II"), "cthp-s0-delay"
     maxima = joint_maxima((segment,), "II", ModelSpec(model))
     for seed in (0, 1):
-        (found,) = sample(series, maxima, ModelSpec(model), (seed,))
-        assert found.effective > 80
+        (posterior,) = sample(series, maxima, ModelSpec(model), (seed,))
+        assert posterior.effective > 80
 
 
 @pytest.mark.parametrize(("file", "start", "pair"), CONTRARY)
 def test_draws_count_where_a_minute_contradicts_other_cars(
     openacc_dir: Path, file: str, start: float, pair: tuple[int, int]
 ) -> None:
-    """With at most 4,500 draws, 6 to 474 counted here, by the seed."""
+    """At most 4,500 draws gave 6 to 474 effective ones here, by the seed."""
     segment = cut(read(openacc_dir / file), start, 60.0, pair)
     series, others = series_of((segment,), "II"), partial(of_others, ModelSpec(BEST))
-    for seed in range(4):
-        maxima = joint_maxima((segment,), "II", ModelSpec(BEST))
-        (found,) = sample(series, maxima, ModelSpec(BEST), (seed,), others=others)
-        assert min(found.effective, found.under(others(found.coordinates)).effective) > 240
+    maxima = joint_maxima((segment,), "II", ModelSpec(BEST))
+    for seed in (0, 1):
+        (posterior,) = sample(series, maxima, ModelSpec(BEST), (seed,), others=others)
+        pooled = posterior.under(others(posterior.coordinates))
+        assert min(posterior.effective, pooled.effective) > 240
     # Of 400 draws of an IDM's window alone 19 to 66 counted in most.
     assert (
         effective_draws(
@@ -152,33 +153,35 @@ def test_draws_count_where_a_minute_contradicts_other_cars(
 def test_the_prior_under_which_windows_are_drawn_cancels() -> None:
     """Draws of a window alone and those beside other cars lead to the same answer."""
     window = window_posterior(windows(range(1))[0], "II", ModelSpec(BEST))
-    alone, told = window.drawn[0], window.likely[0]
+    alone, likely = window.drawn[0], window.likely[0]
     space = coordinates_of(BEST)
-    priors = space.log_prior(alone), log_prior_of_likely(ModelSpec(BEST), told)
+    priors = space.log_prior(alone), log_prior_of_likely(ModelSpec(BEST), likely)
     population = space.population
     ends = [
         np.quantile(sampled_population(drawn[None], prior[None], population).value, ENDS, axis=0)
-        for drawn, prior in zip((alone, told), priors, strict=True)
+        for drawn, prior in zip((alone, likely), priors, strict=True)
     ]
     assert (np.abs(ends[0] - ends[1]) < 0.3 * np.ptp(ends[0], axis=0)).all()
 
 
 def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
     """Σ₀'s deviation of ln α is .49, so 90 % of windows lie within 1.6 in ln α."""
-    one, several = estimated(windows(range(1)), model="cthp-s0"), usual()
-    widths = [np.log(a.span("alpha", 0).upper / a.span("alpha", 0).lower) for a in (one, several)]
+    single, several = estimated(windows(range(1)), model="cthp-s0"), usual()
+    widths = [
+        np.log(a.span("alpha", 0).upper / a.span("alpha", 0).lower) for a in (single, several)
+    ]
     assert 0.9 < widths[0] < 2.2
     assert widths[1] < 0.85 * widths[0]
-    assert np.isnan(one.posterior.differ[0])
+    assert np.isnan(single.posterior.differ[0])
 
 
 def test_a_fixed_parameter_of_an_idm_is_fixed_in_every_draw() -> None:
-    found = window_posterior(
+    posterior = window_posterior(
         windows(range(1), duration=60.0)[0], "II", ModelSpec("idm", (("v0", 100.0),)), "simulation"
     )
-    scores = found.likely[0, :, FOLLOWING["idm"].names.index("v0")]
+    scores = posterior.likely[0, :, FOLLOWING["idm"].names.index("v0")]
     assert np.unique(scores).size == 1
-    assert effective_draws(found.likely[0, :, 0]) > 250
+    assert effective_draws(posterior.likely[0, :, 0]) > 250
 
 
 @pytest.mark.parametrize("fixed", [{"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
@@ -224,8 +227,8 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
     """One of three windows has a headway .4 s longer; of three cars without that at most one."""
     changed = estimated([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
     gaps = time_gap(changed.model, changed.windows, changed.stated_speed)[:, 0]
-    found = HeterogeneousWindows((2,), 3, float(changed.posterior.differ[0]), float(np.ptp(gaps)))
-    assert findings_of(changed)[0] == found
+    finding = HeterogeneousWindows((2,), 3, float(changed.posterior.differ[0]), float(np.ptp(gaps)))
+    assert findings_of(changed)[0] == finding
     assert changed.posterior.differ[0] < 1e-4
     spans = [given.time_gap(28.0, 0) for given in (changed, usual())]
     wide, narrow = (span.further_upper - span.further_lower for span in spans)
@@ -278,10 +281,10 @@ def test_simulation_has_a_posterior_of_a_cthp_near_that_of_the_likelihood(model:
     """Both are of the same windows, by different criteria: their intervals overlap."""
     segments = tuple(windows(range(20, 22), duration=150.0))
     method = METHODS["simulation"]
-    found = with_posterior(method.fit(segments, spec=ModelSpec(model)), segments, "simulation")
+    estimate = with_posterior(method.fit(segments, spec=ModelSpec(model)), segments, "simulation")
     likely = estimated(segments, model=model)
-    for name in found.names:
-        one, other = found.span(name, 0), likely.span(name, 0)
-        assert max(one.lower, other.lower) < min(one.upper, other.upper)
-    gap = found.time_gap(28.0, 0)
+    for name in estimate.names:
+        interval, other = estimate.span(name, 0), likely.span(name, 0)
+        assert max(interval.lower, other.lower) < min(interval.upper, other.upper)
+    gap = estimate.time_gap(28.0, 0)
     assert gap.lower < TAU + S0 / 28.0 < gap.upper or model == "cthp"

@@ -1,4 +1,4 @@
-"""What an estimate says of itself, and the history of a training, thinned as it grows."""
+"""The values of an estimate, and the history of a training, thinned as it grows."""
 
 from dataclasses import fields, replace
 
@@ -26,36 +26,38 @@ from tests.support.estimates import point
 
 
 def test_a_point_has_values_by_name_and_no_intervals() -> None:
-    found = least_squares.METHOD.fit(driven(MIXED), spec=ModelSpec("cthp-s0"))
-    assert (found.model, found.level, found.posterior) == ("cthp-s0", None, None)
-    assert found.numbers == (2, 3, 4)
-    spans = [found.span(name, 1) for name in found.names] + [found.time_gap(25.0, 1)]
+    estimate = least_squares.METHOD.fit(driven(MIXED), spec=ModelSpec("cthp-s0"))
+    assert (estimate.model, estimate.level, estimate.posterior) == ("cthp-s0", None, None)
+    assert estimate.numbers == (2, 3, 4)
+    spans = [estimate.span(name, 1) for name in estimate.names] + [estimate.time_gap(25.0, 1)]
     np.testing.assert_allclose([span.value for span in spans[:3]], MIXED[1], rtol=1e-3)
     assert spans[-1].value == pytest.approx(spans[2].value + spans[3].value / 25.0)
     for span in spans:
         ends = span.lower, span.upper, span.further_lower, span.further_upper
         assert np.isnan(ends).all()
-    assert "–" not in repr(found)
+    assert "–" not in repr(estimate)
     with pytest.raises(ConfigError, match="lag is not known; choose from alpha"):
-        found.span("lag", 0)
+        estimate.span("lag", 0)
     with pytest.raises(ConfigError, match="choose 0 to 2"):
-        found.time_gap(25.0, 3)
+        estimate.time_gap(25.0, 3)
 
 
 def test_its_gains_are_those_of_its_linearisation() -> None:
-    found = point(driven(duration=40.0), model="idm")
-    near = found.following.linearised(found.parameters.own[0], float(found.speeds[0]))
-    alpha, beta, gap = (span.value for span in found.gains_and_gap(0))
+    estimate = point(driven(duration=40.0), model="idm")
+    near = estimate.following.linearised(
+        estimate.parameters.nonlinear[0], float(estimate.speeds[0])
+    )
+    alpha, beta, gap = (span.value for span in estimate.gains_and_gap(0))
     assert (alpha, beta) == pytest.approx((near.alpha, near.beta))
-    assert gap == pytest.approx(near.tau + near.s0 / found.speeds[0])
+    assert gap == pytest.approx(near.tau + near.s0 / estimate.speeds[0])
 
 
 def test_a_parameter_that_the_data_do_not_tell_is_not_determined() -> None:
-    found = least_squares.METHOD.fit(driven(MIXED[:2]))
-    told = replace(found, findings=(Undetermined(3, "CTHP", ("β",)),))
-    assert [told.is_determined("beta", k) for k in (0, 1)] == [True, False]
-    assert told.is_determined("tau", 1)
-    shared = replace(found, findings=(Undetermined(0, "CTHP", ("β",)),))
+    estimate = least_squares.METHOD.fit(driven(MIXED[:2]))
+    undetermined = replace(estimate, findings=(Undetermined(3, "CTHP", ("β",)),))
+    assert [undetermined.is_determined("beta", k) for k in (0, 1)] == [True, False]
+    assert undetermined.is_determined("tau", 1)
+    shared = replace(estimate, findings=(Undetermined(0, "CTHP", ("β",)),))
     assert not shared.is_determined("beta", 0)
 
 
@@ -71,9 +73,9 @@ def test_the_time_gap_is_stated_at_a_speed_that_was_driven(
     times = segment.speeds.copy()
     times[:, 1] = speeds[0]
     times[-20:, 1] = speeds[1]
-    found = least_squares.METHOD.fit(replace(segment, speeds=times))
-    assert found.stated_speed == stated
-    assert [found.is_driven(speed, 0) for speed in (speeds[0] - 1, *speeds, speeds[1] + 1)] == [
+    estimate = least_squares.METHOD.fit(replace(segment, speeds=times))
+    assert estimate.stated_speed == stated
+    assert [estimate.is_driven(speed, 0) for speed in (speeds[0] - 1, *speeds, speeds[1] + 1)] == [
         False, True, True, False,
     ]  # fmt: skip
 

@@ -18,10 +18,10 @@ PAIR = row(AUDI, BMW)
 def random_values(form, count, rng):
     """(count, P) sets of unknowns about the middle of what is plausible."""
     unknowns = coordinates(form)
-    centre = np.array([one.centre for one in unknowns])
+    centre = np.array([unknown.centre for unknown in unknowns])
     z = centre + 0.4 * rng.standard_normal((count, len(unknowns)))
-    z = np.clip(z, *np.transpose([one.bounds for one in unknowns]))
-    return np.where([one.logarithmic for one in unknowns], np.exp(z), z)
+    z = np.clip(z, *np.transpose([unknown.bounds for unknown in unknowns]))
+    return np.where([unknown.logarithmic for unknown in unknowns], np.exp(z), z)
 
 
 def shifted(model: StateSpace, measured):
@@ -65,7 +65,7 @@ def test_a_step_is_that_of_the_matrix_exponential(form):
     size, parts = len(model.first), 2.0**8
     rates = model.rates.transpose(2, 0, 1)
     given = np.tile(np.diag(1.0 + np.arange(size)), (len(rates), 1, 1))
-    found, added = discretise(rates, given, 0.5)
+    discrete, added = discretise(rates, given, 0.5)
     block = np.zeros((len(rates), 2 * size, 2 * size))
     block[:, :size, :size], block[:, :size, size:] = -rates, given
     block[:, size:, size:] = rates.transpose(0, 2, 1)
@@ -76,7 +76,8 @@ def test_a_step_is_that_of_the_matrix_exponential(form):
         process = process + transition @ process @ transition.transpose(0, 2, 1)
         transition = transition @ transition
     scale = np.sqrt(np.einsum("bii->bi", process))
-    np.testing.assert_allclose(found, transition, rtol=0, atol=1e-10 * np.abs(transition).max())
+    tolerance = 1e-10 * np.abs(transition).max()
+    np.testing.assert_allclose(discrete, transition, rtol=0, atol=tolerance)
     assert (np.abs(added - process) / (scale[:, :, None] * scale[:, None])).max() < 1e-10
 
 
@@ -91,10 +92,12 @@ def test_many_models_at_once_are_as_each_alone():
     smoothed = smooth(model, measured)
     for b in range(0, 300, 23):
         alone = model.of(slice(b, b + 1))
-        total, own = innovations(alone, measured[..., :1])
+        total, single = innovations(alone, measured[..., :1])
         np.testing.assert_allclose(together[b], total[0], rtol=1e-9)
-        np.testing.assert_allclose(innovation.errors[..., b], own.errors[..., 0], atol=1e-9)
-        np.testing.assert_allclose(innovation.variances[..., b], own.variances[..., 0], rtol=1e-9)
+        np.testing.assert_allclose(innovation.errors[..., b], single.errors[..., 0], atol=1e-9)
+        np.testing.assert_allclose(
+            innovation.variances[..., b], single.variances[..., 0], rtol=1e-9
+        )
         np.testing.assert_allclose(
             smoothed[..., b], smooth(alone, measured[..., :1])[..., 0], atol=1e-6
         )
@@ -110,15 +113,15 @@ def test_windows_that_share_a_model_are_as_each_with_its_own():
     of = np.array([1, 1, 1, 1, 0, 0])
     pairs = Pairs(of, np.array([0, 1, 2, 3, 0, 1]))
     model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 2, rng), 0.5)
-    found, innovation = innovations(model, measured, pairs)
-    expected, own = innovations(model.of(of), measured[:, :, pairs.series])
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    totals, innovation = innovations(model, measured, pairs)
+    expected, separate = innovations(model.of(of), measured[:, :, pairs.series])
+    np.testing.assert_allclose(totals, expected, rtol=1e-10)
     np.testing.assert_allclose(log_likelihood(model, measured, pairs), expected, rtol=1e-10)
-    np.testing.assert_allclose(innovation.errors, own.errors, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(innovation.variances, own.variances, rtol=1e-10)
-    for asked in ([0, 1], [2], [3, 2]):  # series that no pair has do not matter
-        some = Pairs(pairs.models[asked], pairs.series[asked])
-        np.testing.assert_allclose(log_likelihood(model, measured, some), expected[asked])
+    np.testing.assert_allclose(innovation.errors, separate.errors, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(innovation.variances, separate.variances, rtol=1e-10)
+    for columns in ([0, 1], [2], [3, 2]):  # series that no pair has do not matter
+        some = Pairs(pairs.models[columns], pairs.series[columns])
+        np.testing.assert_allclose(log_likelihood(model, measured, some), expected[columns])
 
 
 @pytest.mark.parametrize("missing", [with_holes, shorter])
@@ -128,14 +131,14 @@ def test_likelihood_and_smoothed_states_agree_with_statsmodels(form, missing):
     series = series_of([disturbed(PAIR, 1, Disturbance(), duration=120.0)], "II")
     model = state_space(form, random_values(form, 2, rng), series.step)
     measured = missing(series.measured, rng)
-    found, (total, innovation) = smooth(model, measured), innovations(model, measured)
+    smoothed, (total, innovation) = smooth(model, measured), innovations(model, measured)
     np.testing.assert_allclose(log_likelihood(model, measured), total)
     np.testing.assert_allclose(innovation.log_density.sum(axis=(0, 1)), total)
-    assert (innovation.known == ~np.isnan(measured)).all()
+    assert (innovation.present == ~np.isnan(measured)).all()
     for b in range(2):
         other = reference(model, measured, b)
         expected = other.smooth()
         np.testing.assert_allclose(total[b], other.loglike(), rtol=1e-8, atol=1e-7)
         scale = np.sqrt(np.einsum("iik->ki", expected.smoothed_state_cov))
-        off = (found[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
+        off = (smoothed[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
         assert np.abs(off).max() < 1e-4

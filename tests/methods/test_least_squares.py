@@ -43,13 +43,13 @@ def test_the_bounded_solution_is_the_optimum_that_scipy_finds_and_names_the_boun
     x, y = problem
     assume(np.linalg.cond(x) < 1e4)
     solution = solve_bounded(x.T @ x, x.T @ y)
-    found, held = solution.theta, solution.active
-    assert (found >= 0).all()
+    theta, held = solution.theta, solution.active
+    assert (theta >= 0).all()
     reference = nnls(x, y)[1]
-    assert np.linalg.norm(x @ found - y) <= reference * (1 + 1e-8) + 1e-7
-    assert (found[held] == 0).all()
+    assert np.linalg.norm(x @ theta - y) <= reference * (1 + 1e-8) + 1e-7
+    assert (theta[held] == 0).all()
     # Where a bound holds, lowering the cost would take a step out of bounds.
-    slope, scale = x.T @ (x @ found - y), 1 + np.abs(x.T @ y)
+    slope, scale = x.T @ (x @ theta - y), 1 + np.abs(x.T @ y)
     assert (slope[held] >= -1e-7 * scale[held]).all()
     assert (np.abs(slope[~held]) <= 1e-6 * scale[~held]).all()
     expected = np.linalg.lstsq(x, y)[0]

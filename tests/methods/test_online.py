@@ -105,7 +105,7 @@ class TestWindows:
 
     @both_filters
     def test_the_motion_begins_with_each(self, method: Method) -> None:
-        """Where the motion that the window before it ended with would be metres off."""
+        """The motion at the end of the window before it would be metres off."""
         segments = two_windows(60.0)
         for segment, curves in zip(segments, method.fit(segments).curves, strict=True):
             np.testing.assert_array_equal(curves.gaps[0], segment.gaps[0])
@@ -192,7 +192,7 @@ class TestUncertainty:
     def test_reports_for_how_long_a_bound_was_active(self) -> None:
         fit = recursive.fit((driven((LAW,), duration=100.0, noise=0.5),), memory=3.0)
         assert fit.active_bounds == ((),)
-        found = [f for f in fit.findings if isinstance(f, BoundActiveAtTimes)]
-        assert found
-        assert all(0 < finding.share < 1 for finding in found)
+        findings = [f for f in fit.findings if isinstance(f, BoundActiveAtTimes)]
+        assert findings
+        assert all(0 < finding.share < 1 for finding in findings)
         assert (fit.parameters.values >= 0).all()

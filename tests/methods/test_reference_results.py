@@ -59,14 +59,14 @@ def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
     tolerance: tuple[float, ...], limit: list[list[float]], unit: float,
 ) -> None:  # fmt: skip
     segment = segments[campaign]
-    found = learned(segment, case)
-    off = np.abs(found.parameters.values / printed.parameters.values - 1.0)
+    estimate = learned(segment, case)
+    off = np.abs(estimate.parameters.values / printed.parameters.values - 1.0)
     assert (off <= tolerance).all(), off
     reached = splines.METHOD.fit(segment, case).parameters.values
     assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
-    off = np.abs(found.parameters.values / reached - 1.0)
+    off = np.abs(estimate.parameters.values / reached - 1.0)
     assert (off <= (0.01, 0.02, 0.01)).all(), off
-    (errors,) = surrogate_errors((segment,), found)
+    (errors,) = surrogate_errors((segment,), estimate)
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
 
 
@@ -79,8 +79,8 @@ def test_the_likelihood_of_standing_vehicles_has_the_larger_maximum(openacc_dir:
     ):
         analysis = Analysis.of(recording, window, vehicles, model="cthp")
         segments = analysis.segments(recording)
-        found = METHODS["pinn"].fit(segments, "II", analysis.config, spec=analysis.spec)
-        assert found.loss["log_likelihood"] == pytest.approx(likelihood, abs=0.1)
+        estimate = METHODS["pinn"].fit(segments, "II", analysis.config, spec=analysis.spec)
+        assert estimate.loss["log_likelihood"] == pytest.approx(likelihood, abs=0.1)
 
 
 def test_seeds_agree(segments: dict[str, Segment]) -> None:

@@ -1,4 +1,4 @@
-"""What every method owes: the truth recovered, bounds reported, an answer to bad data."""
+"""The promises of every method: the truth recovered, bounds reported, an answer to bad data."""
 
 import json
 import re
@@ -94,11 +94,13 @@ class TestEvery:
         assert fit.parameters[0].beta == 0
         free = fit.unconstrained[0]
         assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, -0.03, 1.5), rel=0.1)
-        (found,) = [finding for finding in fit.findings if isinstance(finding, BoundActive)]
-        assert (found.vehicle, found.names) == (2, ("β",))
-        assert found.unconstrained[2] == free.beta
+        (finding,) = [finding for finding in fit.findings if isinstance(finding, BoundActive)]
+        assert (finding.vehicle, finding.names) == (2, ("β",))
+        assert finding.unconstrained[2] == free.beta
 
-    @pytest.mark.parametrize("config", [FAST, CALIBRATED, PAPER], ids=lambda one: one.preset)
+    @pytest.mark.parametrize(
+        "config", [FAST, CALIBRATED, PAPER], ids=lambda settings: settings.preset
+    )
     def test_a_network_survives_data_without_motion(self, config: PinnConfig) -> None:
         fit = train(standing_still(0.0), "II", replace(config, iterations=60))
         assert np.isfinite(fit.loss["total"])
@@ -124,11 +126,11 @@ class TestEvery:
         fit = estimate(standing_still(speed), "II")
         assert fit.outcome is not Outcome.DIVERGED
         assert not (fit.parameters.values[:, :2] < 0).any()
-        told = any(
-            isinstance(one, WeaklyDetermined | FilterUncertain | Undetermined)
-            for one in fit.findings
+        is_reported = any(
+            isinstance(finding, WeaklyDetermined | FilterUncertain | Undetermined)
+            for finding in fit.findings
         )
-        assert told == (fit.method not in DIRECT)
+        assert is_reported == (fit.method not in DIRECT)
 
     @every_method
     @pytest.mark.parametrize("samples", [2, 4, 5])
@@ -190,6 +192,14 @@ def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
 
 
 class TestNames:
+    def test_each_says_whether_its_estimates_have_intervals(self) -> None:
+        for key, config in VARIANTS.values():
+            settings = config.to_json() if config else {}
+            method = METHODS[key]
+            has_posterior = method.posterior(settings) is not None
+            assert ("with intervals" in method.described(settings)) == has_posterior
+            assert not (has_posterior and method.minimises_papers_loss(settings))
+
     def test_a_variant_is_a_method_with_settings_and_the_reverse(self) -> None:
         for name in VARIANTS:
             key, settings = variant_of(name)
@@ -203,10 +213,10 @@ class TestNames:
         assert variant_of(former) == ("pinn", CALIBRATED)
 
     def test_unknown_ones_are_refused_with_those_that_there_are(self) -> None:
-        for use, known in ((method_of, METHODS), (variant_of, VARIANTS)):
+        for use, names in ((method_of, METHODS), (variant_of, VARIANTS)):
             with pytest.raises(ConfigError, match="magic is not known") as fault:
                 use("magic")
-            assert all(name in str(fault.value) for name in known)
+            assert all(name in str(fault.value) for name in names)
 
     def test_the_recommended_method_has_intervals_for_every_model(self) -> None:
         assert recommended_method() == "pinn"

@@ -23,7 +23,7 @@ METHODS = (*BATCH, recursive.METHOD, particle.METHOD, dual_ukf.METHOD)
 NEAR = {"particle": (0.25, 0.1, 0.02), "dual-ukf": (0.03, 0.02, 1e-3)}
 """Largest relative errors of α, β and τ of the filters, which take the model to be inexact."""
 NEAR_OTHERS = 5e-4
-"""As central differences of sines at up to 0.4 rad/s are nearly as short."""
+"""Largest relative error of the other methods: central differences shorten sines by so much."""
 
 each_method = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.key)
 each_batch_method = pytest.mark.parametrize("method", BATCH, ids=lambda method: method.key)
@@ -91,11 +91,11 @@ def test_takes_windows_in_any_order(method: Method) -> None:
     given = method.fit(windows("II"))
     turned = method.fit(windows("II")[::-1])
     np.testing.assert_allclose(turned.parameters.values, given.parameters.values, rtol=1e-9)
-    for one, other in zip(given.curves, reversed(turned.curves), strict=True):
-        np.testing.assert_allclose(one.gaps, other.gaps, rtol=1e-9)
+    for curve, other in zip(given.curves, reversed(turned.curves), strict=True):
+        np.testing.assert_allclose(curve.gaps, other.gaps, rtol=1e-9)
     if given.windows:
-        own = turned.windows.values[::-1]
-        np.testing.assert_allclose(own, given.windows.values, rtol=1e-9)
+        by_window = turned.windows.values[::-1]
+        np.testing.assert_allclose(by_window, given.windows.values, rtol=1e-9)
 
 
 @each_method

@@ -30,27 +30,27 @@ vehicles = st.builds(
 
 class TestParameters:
     @given(vehicles)
-    def test_survive_the_way_through_theta(self, one: Parameters) -> None:
-        back = Parameters.from_theta(one.theta)
-        assert (back.alpha, back.beta) == (one.alpha, one.beta)
-        assert back.tau == pytest.approx(one.tau, rel=1e-14)
-        assert len(one.theta) == len(LINEAR_NAMES)
+    def test_survive_the_way_through_theta(self, parameters: Parameters) -> None:
+        back = Parameters.from_theta(parameters.theta)
+        assert (back.alpha, back.beta) == (parameters.alpha, parameters.beta)
+        assert back.tau == pytest.approx(parameters.tau, rel=1e-14)
+        assert len(parameters.theta) == len(LINEAR_NAMES)
 
     def test_without_alpha_tau_is_unknown(self) -> None:
-        one = Parameters.from_theta(np.array([0.0, 0.0, 0.3]))
-        assert one.alpha == 0
-        assert one.beta == 0.3
-        assert isnan(one.tau)
-        np.testing.assert_array_equal(one.theta, [0.0, 0.0, 0.3])
+        parameters = Parameters.from_theta(np.array([0.0, 0.0, 0.3]))
+        assert parameters.alpha == 0
+        assert parameters.beta == 0.3
+        assert isnan(parameters.tau)
+        np.testing.assert_array_equal(parameters.theta, [0.0, 0.0, 0.3])
 
 
 @given(vehicles, st.floats(0, 40), st.floats(0, 40), st.floats(0, 200))
 def test_regressors_times_theta_are_the_acceleration(
-    one: Parameters, ahead: float, speed: float, gap: float
+    parameters: Parameters, ahead: float, speed: float, gap: float
 ) -> None:
     row = regressors(np.array([[ahead, speed]]), np.array([[gap]]))[0, 0]
-    expected = one.alpha * (gap - one.tau * speed) + one.beta * (ahead - speed)
-    assert row @ one.theta == pytest.approx(expected, abs=1e-9)
+    expected = parameters.alpha * (gap - parameters.tau * speed) + parameters.beta * (ahead - speed)
+    assert row @ parameters.theta == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:
@@ -114,14 +114,14 @@ def test_motion_is_that_of_the_equations_integrated_tightly(platoon: Parameters)
         bend = (12 * (c - z) - 6 * d * slope) / np.where(d > 0, d, 1) ** 2
         return np.concatenate([u - v, acceleration, rise, slope, bend])
 
-    _, asked = command(gaps, speeds, 0.0)
-    states = [np.concatenate([gaps, speeds, asked, asked, np.zeros(4)])]
+    _, commanded = command(gaps, speeds, 0.0)
+    states = [np.concatenate([gaps, speeds, commanded, commanded, np.zeros(4)])]
     for span in pairwise(time):
         step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-11, atol=1e-11)
         states.append(step.y[:, -1])
     motion = simulate(platoon, time, ahead, speeds, gaps)
-    both = np.hstack([motion.gaps, motion.speeds[:, 1:]])
-    np.testing.assert_allclose(both, np.array(states)[:, :8], rtol=0, atol=1e-8)
+    simulated = np.hstack([motion.gaps, motion.speeds[:, 1:]])
+    np.testing.assert_allclose(simulated, np.array(states)[:, :8], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 7, 8, 9, 31, 32, 33, 100])
@@ -137,5 +137,5 @@ def test_states_of_a_linear_system_are_those_of_a_loop_over_its_steps(count: int
         forced = integral @ matrix[:, 2] * now + ramp @ matrix[:, 2] * (later - now)
         driven.append(transition @ driven[-1] + forced)
     np.testing.assert_allclose(orbit(transition, start, count), free, rtol=1e-12, atol=1e-13)
-    found = respond(matrix, drive, step, start)
-    np.testing.assert_allclose(found, driven, rtol=1e-12, atol=1e-13)
+    responded = respond(matrix, drive, step, start)
+    np.testing.assert_allclose(responded, driven, rtol=1e-12, atol=1e-13)

@@ -120,17 +120,17 @@ def test_the_further_model_of_the_contributing_guide() -> None:
     assert run.gaps == pytest.approx(gap, abs=1e-9)
     theta = model.typical * [1.5, 1.1, 0.9, 1.1]
     windows = [driven(model, theta[None], seed, 0.03)[0] for seed in range(2)]
-    (found,) = optima(model, Drives.of(windows, model), [[0, 1]])
-    assert found.theta == pytest.approx(theta, rel=0.15)
+    (optimum,) = optima(model, Drives.of(windows, model), [[0, 1]])
+    assert optimum.theta == pytest.approx(theta, rel=0.15)
 
 
 def test_published_sets_are_those_of_the_paper() -> None:
-    printed = [one for one in TABLE if "average" not in one.name]  # means are of no vehicle
-    shared = [one.vehicle for one in printed if "Table II," in one.name]
-    own = [one.vehicle for one in printed if "Table II," not in one.name]
-    found = [dict.fromkeys(group.parameters) for group in PUBLISHED]
+    printed = [row for row in TABLE if "average" not in row.name]  # means are of no vehicle
+    shared = [row.vehicle for row in printed if "Table II," in row.name]
+    by_follower = [row.vehicle for row in printed if "Table II," not in row.name]
+    printed_sets = [dict.fromkeys(group.parameters) for group in PUBLISHED]
     alike = [group for group in PUBLISHED if "Case I " in group.title]
-    assert [one for group in found for one in group] == own + shared
+    assert [row for group in printed_sets for row in group] == by_follower + shared
     assert [len({*group.parameters}) for group in alike] == [1, 1]
     assert [len(group) for group in alike] == [len(ASTAZERO), len(VICOLUNGO)]
     assert CASALE_STARTS.parameters[0] == CASALE.parameters[0]

@@ -1,24 +1,33 @@
 """The Compare page without a browser: rows, a stop, five starts, and the session's earlier runs."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
-from accpinn import Result, messages
+from accpinn import Result
 from accpinn.errors import SegmentError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.registry import COMPARED, variant_of
 from accpinn.recordings import Window, files
-from accpinn.results.messages.estimate import cards
-from accpinn.results.messages.summary import agreement
-from accpinn.results.tables.estimates import methods_table
+from accpinn.results.messages.summary import agreement, best_models
+from accpinn.results.tables.estimates import compared_table
 from accpinn.study.comparison import Refused, compare
-from accpinn.study.judge import Judgement
 from accpinn.tasks import Status, Task
+from pages.ui.components.parameter_picker import cars_of, of_several
 from pages.ui.session.resources import store, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
-from tests.support.apptest import WAIT, open_page, stop_tasks, train_at_once, with_pair, with_sample
+from tests.support.apptest import (
+    MINUTE,
+    WAIT,
+    Page,
+    open_page,
+    stop_tasks,
+    train_at_once,
+    with_pair,
+    with_sample,
+)
 from tests.support.command import PLATOON
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -50,10 +59,8 @@ def test_the_recommended_estimate_comes_first_and_all_are_of_all_windows() -> No
     assert recommended.posterior
     assert least_squares.analysis.windows == asked.windows
     page = open_page("Compare", session)
-    said = cards(recommended, together=True)
-    assert all(card.lead in page.plain() for card in said)
-    assert agreement(session.compared, recommended) in page.plain()
-    table = methods_table(session.compared, 0, recommended)
+    assert agreement(session.compared, recommended)[0] in page.plain()
+    table = compared_table(session.compared, 0, recommended)
     assert page.shows(table, len(table.rows))
     for windows, count in ((asked.windows, 2), (asked.windows[:1], 0)):
         session.preset, session.window_starts = "fast", tuple(w.start for w in windows)
@@ -74,9 +81,10 @@ def test_rows_pictures_warnings_starts_and_earlier_estimates(
     page = open_page("Compare", session)
     shown = page.everything()
     assert "Inside the interval" in shown
-    assert "Outside the windows" in shown
-    assert "Collides at" in page.plain()
     assert len(page.figures()) == 1, "only the open tab is drawn"
+    errors = page.open_tab("compare_tabs", "Errors")
+    assert "Outside the windows" in errors.everything()
+    assert "Collides at" in errors.plain()
     assert "Joint distribution" in page.open_tab("compare_tabs", "Identifiability").plain()
     adequacy = page.open_tab("compare_tabs", "Model adequacy").plain()
     assert "the disturbance has a standard deviation of" in adequacy
@@ -105,10 +113,10 @@ def test_rows_pictures_warnings_starts_and_earlier_estimates(
     )
     page = open_page("Compare", session)
     assert "0–60 s → 10–60 s" in page.everything()
-    page.open_tab("compare_tabs", "Summary")
+    page.open_tab("compare_tabs", "Numbers")
     earlier = page.multiselect(key="compare_earlier")
     page.choose("compare_earlier", earlier.options[:1])
-    assert "Rings: earlier estimates." in page.everything()
+    assert "Open diamonds: earlier estimates." in page.plain()
 
 
 def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) -> None:
@@ -126,7 +134,7 @@ def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) ->
     assert len(session.compared) == len(COMPARED) - len(failing)
 
 
-def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_which_model_predicts_this_car(session: Workspace) -> None:
     page = open_page("Compare", session).choose("compare_view", "models")
     assert page.button(key="models_run").label.startswith("Compare 4 models (about ")
     page.choose("models_chosen", ["cthp", "cthp-s0"]).press("models_run")
@@ -134,11 +142,15 @@ def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.Mo
     assert session.judgement.status is Status.DONE
     (judged,) = session.judgement.result
     page = open_page("Compare", session)
-    said = messages(judged.findings, judged.info)
-    assert all(sentence in page.plain() for sentence in said)
+    said = best_models([judged])
+    assert said in page.plain()
     assert "CTHP with intercept s₀" in page.everything()
+    assert len(page.figures()) == 1
+    page.open_tab("models_tabs", "Peak over speed")
     assert len(page.figures()) == 2
-    page.choose(f"models_speed_{judged.info.vehicles[1]}", 90.0)
+    page.open_tab("models_tabs", "Numbers").choose(
+        f"models_speed_{judged.info.vehicles[1]}", 90.0
+    )  # fmt: skip
     assert "At 90 km/h" in page.everything()
 
     result = train_at_once(session)
@@ -147,25 +159,50 @@ def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.Mo
     session.restore(session.as_snapshot())
     assert session.judgement is None
     page = open_page("Compare", session).choose("compare_view", "models")
-    assert all(sentence in page.plain() for sentence in said), "it comes back with a result"
+    assert said in page.plain(), "it comes back with a result"
 
-    assert "models_take_2" not in page.buttons, "one is hardly better than the other"
-    monkeypatch.setattr(Judgement, "is_clear", True)
-    best = judged.ranked[0].key
-    page.run().press("models_take_2")
-    own = session.cars[2]
-    assert own.wait(WAIT)
-    assert own.result.estimate.model == best
-    assert own.result.analysis.vehicles == (1, 2)
-    assert session.result is not own.result, "it is a result of its own"
+
+def test_each_car_has_the_model_that_was_chosen_for_it_and_all_make_one_platoon() -> None:
+    session = with_sample()
+    session.choose(window=MINUTE, vehicles=(1, 2, 3))
+    session.judge_models(["cthp", "cthp-s0"])
+    assert session.judgement.wait(WAIT)
+    page = open_page("Compare", session).choose("compare_view", "models")
+    judged = session.judgement.result
+    numbers = [one.info.vehicles[1] for one in judged]
+    assert [page.widget(f"models_of_{n}").value for n in numbers] == [
+        one.ranked[0].key for one in judged
+    ], "the best predicted is offered first"
+    page.choose("models_of_2", "cthp").choose("models_of_3", "cthp-s0")
+    page.press("models_use")
+    assert all(task.wait(WAIT) for task in session.cars.values())
+    page.run()
+    models = {number: own.estimate.model for number, own in session.own_results.items()}
+    assert models == {2: "cthp", 3: "cthp-s0"}, "also without a result of all cars"
+    assert session.result is None
     assert session.parameter_source == "several"
-    page = open_page("Compare", session)
-    assert all(card.lead in page.plain() for card in cards(own.result))
-    assert "models_take_2" not in page.buttons
-    session.judge_models(["cthp"])
+    for title in ("Stability", "Platoon"):
+        page = open_page(title, session)
+        assert not page.boxes("error")
+        assert {"2", "3"} <= {label.split()[0] for label in _labels(page)}
+    # A car whose model the result of all has stays as it is there.
+    result = train_at_once(session)
+    kept = session.cars[2 if result.estimate.model != "cthp" else 3]
+    session.use_models({2: result.estimate.model, 3: "cthp"})
+    assert 2 not in session.cars
+    assert session.cars[3] is not kept
+    assert session.cars[3].wait(WAIT)
+    shown = of_several(cars_of(session))
+    assert [own for own, _ in shown.cars] == [result, session.own_results[3]]
+    session.use_models({2: result.estimate.model, 3: result.estimate.model})
+    assert (session.cars, session.parameter_source) == ({}, "estimate")
     session.choose(vehicles=(2, 3))
     assert session.judgement is None, "it was of other vehicles"
-    assert session.own_results, "the recording is the same"
+
+
+def _labels(page: Page) -> list[str]:
+    """The vehicles of the strip on a page."""
+    return re.findall(r'class="strip-name" title="([^"]+)"', page.texts())
 
 
 def test_earlier_estimates_are_bounded_and_shown_without_a_comparison(session: Workspace) -> None:

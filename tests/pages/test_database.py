@@ -1,6 +1,8 @@
 """Page Database, and on page Data the published runs."""
 
+import io
 import os
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +14,12 @@ import pytest
 from accpinn import catalogue, group, read, read_study
 from accpinn.errors import RecordingError
 from accpinn.recordings import Window
-from accpinn.results.database import extent, headline
+from accpinn.results.database import extent, headline, supplied_line
 from accpinn.study.batch import BatchProgress
-from accpinn.study.studies import FILE, Computed, Request, written
+from accpinn.study.studies import DROPPED, FILE, Computed, Request, written
+from accpinn.study.supplied import read_about, supplied_study
 from accpinn.tasks import Status, batches
+from pages.ui.database import own
 from pages.ui.database import page as database_page
 from pages.ui.session import sessions
 from pages.ui.session.resources import batch_queue, download_queue
@@ -62,21 +66,95 @@ def opened(**address: str) -> Page:
     return page
 
 
-def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
+def with_form(page: Page) -> Page:
+    """The page with the form of a new batch opened."""
+    page.session_state["database_new"] = True
+    return page.sound()
+
+
+def test_a_first_visitor_sees_the_supplied_study_and_who_made_its_data(recording: Path) -> None:
     page = opened()
-    assert "no study here yet" in page.plain()
+    assert page.widget("database_study").options == ["OpenACC cars (supplied)"]
+    folder = supplied_study()
+    assert folder
+    about = read_about(folder)
+    assert supplied_line(about) in page.plain()
+    assert "CC BY 4.0" in page.plain()
+    forest = page.figures()[0]["layout"]["yaxis"]["ticktext"]
+    assert {"Audi · A6 · min", "Hyundai · Ioniq hybrid · min"} <= {*forest}
+    assert not {"database_continue", "database_stop"} & page.buttons
+    page = with_form(opened())
     assert page.selectbox(key="database_source").options == ["all recordings", "Casale"]
     assert "1 file: " in page.plain(), "an estimate before the start"
     assert not page.button(key="database_start").disabled
-    page = open_page("Database")
     page.choose("database_name", "../../etc")
     assert "is no name" in page.boxes("error")[0]
     assert page.button(key="database_start").disabled
     (recording.parent / "gone.csv").symlink_to(recording.parent / "nowhere.csv")
-    assert "1 file: " in opened().plain(), "a link that leads nowhere is no file"
+    assert "1 file: " in with_form(opened()).plain(), "a link that leads nowhere is no file"
     recording.unlink()
+    page = with_form(opened())
+    assert "database_start" not in page.buttons
+    assert "database_upload" in {field.key for field in page.get("file_uploader")}
+
+
+def test_without_the_supplied_study_the_form_stands_on_the_page(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (own, database_page):
+        monkeypatch.setattr(module, "supplied_study", lambda: None)
     page = opened()
-    assert "folder of recordings is empty" in page.plain()
+    assert "no study here yet" in page.plain()
+    assert not page.button(key="database_start").disabled
+
+
+def test_dropped_files_are_unpacked_refused_one_by_one_and_removed_after_the_batch(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raw, packed = recording.read_bytes(), io.BytesIO()
+    other = csv(platoon(2, 1500), metadata(NAMES[:2]))
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("Casale/part3.csv", other)
+        archive.writestr("notes.txt", "a note")
+    page = with_form(opened())
+    field = page.file_uploader(key="database_upload")
+    field.set_value([
+        ("mine.csv", raw, "text/csv"), ("runs.zip", packed.getvalue(), "application/zip"),
+        ("again.csv", raw, "text/csv"), ("picture.csv", b"\x89PNG", "text/csv"),
+    ])  # fmt: skip
+    page.sound()
+    session = page.workspace()
+    assert [str(file.path) for file in session.dropped.files] == ["mine.csv", "Casale/part3.csv"]
+    (refused,) = page.boxes("warning")
+    assert "again.csv: its contents are those of mine.csv" in refused
+    assert "picture.csv: this is a PNG image" in refused
+    found: list[list[str]] = []
+
+    def run(folder: Path, request: Request, *_: object) -> BatchProgress:
+        found.append([Path(source).name for source in request.sources])
+        assert all(Path(source).is_file() for source in request.sources)
+        with written(folder, request) as kept:
+            kept.add("x.csv", Computed(analysis(), [made("x.csv")]))
+        return BatchProgress(2, rows=1)
+
+    monkeypatch.setattr(batches, "run_request", run)
+    page.choose("database_name", "dropped").press("database_start")
+    assert batch_queue().of("dropped", "batch").wait(WAIT)
+    assert found == [["mine.csv", "part3.csv"]]
+    assert session.dropped.files == ()
+    study = Path(os.environ["ACCPINN_STUDIES"]) / "dropped"
+    left = study / DROPPED / "0" / "left.csv"  # as of a batch that was stopped
+    left.parent.mkdir(parents=True)
+    left.write_bytes(raw)
+    monkeypatch.setattr(own, "sees_all", lambda: True)  # as on the page
+    own.make_room(session.id, "dropped", 1)
+    assert left.exists()
+    monkeypatch.setattr(own, "MOST_DROPPED", len(raw))
+    with pytest.raises(RecordingError, match="dropped files"):
+        own.make_room(session.id, "dropped", 1)
+    own.make_room(session.id, "another", len(raw))
+    assert not (study / DROPPED).exists()
+    assert (study / FILE).exists()
 
 
 def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study: Path) -> None:
@@ -88,7 +166,7 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
     kia = group(read_study(study).query("make == 'Kia'"), ("make", "model"))
     assert headline(kia.groups[0]) in page.plain()
     page.choose("database_by", "model")
-    assert len(page.figures()) == 1
+    assert len(page.figures()) == 2, "the groups, and the open tab"
     address = dict(page.query_params)
     assert (address["make"], address["by"], address["study"]) == ("Kia", "model", "mine")
     del address["session"]
@@ -96,7 +174,7 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
     assert other.multiselect(key="database_make").value == ["Kia"]
     assert headline(kia.groups[0]) in other.plain()
     other.choose("database_make", ["not stated"])
-    assert "1 follower window of 1 vehicle" in other.plain()
+    assert "1 follower window, 1 vehicle" in other.plain()
     other.choose("database_make", [])
     other.open_tab("database_tabs", "All rows").choose("database_method", "splines")
     assert len(other.dataframe[0].value) == 1
@@ -106,7 +184,7 @@ def test_the_answer_is_that_of_the_rows_chosen_and_the_address_says_which(study:
 def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
     page = opened(study=name, make="No such make", by="nonsense")
     assert any("There is no study" in said for said in page.boxes("warning"))
-    assert "follower windows of" in page.plain()
+    assert "follower windows, " in page.plain()
     assert page.query_params["study"] == "mine"
 
 
@@ -122,12 +200,11 @@ def test_every_tab_and_the_failures(study: Path) -> None:
     assert "it &lt;b&gt;cannot" in page.texts()
     assert "Standard deviations beyond" in page.open_tab("database_tabs", "Spread").plain()
     page.open_tab("database_tabs", "α–β plane")
-    assert len(page.figures()) == 2
-    page.choose("database_units", True)
     assert "ατ²" in page.figures()[1]["layout"]["xaxis"]["title"]["text"]
-    page.open_tab("database_tabs", "Time gap")
+    page.open_tab("database_tabs", "Time gap over speed")
     points = [trace for trace in page.figures()[1]["data"] if trace["type"] == "scattergl"]
-    assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
+    makes = {trace["name"].partition(" ")[0] for trace in points}
+    assert makes == {"Tesla", "Kia"}
 
 
 def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,7 +259,7 @@ def test_a_batch_is_started_stopped_and_continued(
         return BatchProgress(1, recordings=1, windows=1, rows=1, stopped=is_first)
 
     monkeypatch.setattr(batches, "run_request", run)
-    page = opened()
+    page = with_form(opened())
     page.choose("database_name", "first")
     page.choose("database_window", 60.0)
     page.press("database_start")
@@ -221,7 +298,7 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
         raise RecordingError("it cannot be written")
 
     monkeypatch.setattr(batches, "run_request", refuse)
-    page = opened().choose("database_name", "other").press("database_start")
+    page = with_form(opened()).choose("database_name", "other").press("database_start")
     assert batch_queue().of("other", "batch").wait(WAIT)
     page.run()
     assert page.boxes("error") == ["it cannot be written"]
@@ -243,26 +320,25 @@ def test_a_stranger_s_studies_are_listed_to_nobody_else_and_a_link_shows_one_wit
         monkeypatch.setattr(sessions, "connection_headers", lambda: cookie)
 
     be("a")
-    page = opened()
-    assert "no study here yet" in page.plain(), "the one made by this computer's person is not hers"
+    page = with_form(opened())
+    supplied = ["OpenACC cars (supplied)"]
+    assert page.widget("database_study").options == supplied, "another person's is not hers"
     page.choose("database_name", "annsown").press("database_start")
     [path] = Path(os.environ["ACCPINN_STUDIES"]).glob("_*/annsown")
     until(lambda: not batch_queue().active_owners("batch"))
     write_study(path, made())
     page = open_page("Database", page.workspace())
-    assert page.widget("database_study").options == ["annsown"]
+    assert page.widget("database_study").options == ["annsown", *supplied]
     [link] = [code.value for code in page.code if "study=annsown" in code.value]
     be("b")
-    other = opened()
-    assert "no study here yet" in other.plain()
+    other = with_form(opened())
+    assert other.widget("database_study").options == supplied
     assert "annsown" not in other.everything()
-    assert other.widget("database_name").value == "OpenACC"
+    assert other.widget("database_name").value == "My study"
     for guessed in ("annsown", "mine", f"{path.parent.name}/annsown", f"annsown@{'0' * 32}",
                     "annsown@../x", f"mine@{link[-32:]}"):  # fmt: skip
-        assert "There is no study" in opened(study=guessed).plain() or "no study here yet" in (
-            opened(study=guessed).plain()
-        )
-        assert "Tesla" not in opened(study=guessed).everything()
+        assert "There is no study" in opened(study=guessed).plain()
+        assert opened(study=guessed).widget("database_study").options == supplied
     shown = opened(study=parse_qs(urlsplit(link).query)["study"][0])
     assert "Tesla" in shown.everything()
     assert not {"database_continue", "database_stop"} & shown.buttons

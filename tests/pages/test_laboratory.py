@@ -1,5 +1,6 @@
 """The frequency laboratory: one frequency in the response and in the platoon, however chosen."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ from accpinn import Parameters, stability_report
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import from_draws
 from accpinn.model.published import ASTAZERO, ParameterSet
-from accpinn.results.figures.laboratory import MARK, MOST_GROWTH
-from accpinn.results.figures.stability import WHOLE
+from accpinn.results.figures.laboratory import CONDITION, MOST_GROWTH, response_curves
+from accpinn.results.figures.stability import WHOLE, WHOLE_NAME
 from accpinn.results.messages.stability import most_amplifying
 from accpinn.results.vehicles import KnownVehicles
 from pages.ui.components.parameter_picker import ROWS
-from pages.ui.laboratory import FOLLOWERS, PAPER_FREQUENCIES, nearest, take_click
+from pages.ui.laboratory import FOLLOWERS, PAPER_FREQUENCIES, nearest, take_click, take_frequency
 from pages.ui.session import sessions
 from tests.support.apptest import Page, fitted, numbers, open_page, with_example
 from tests.support.vehicles import CALM, UNDAMPED, row
@@ -36,43 +37,55 @@ def traces(figure: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {trace["name"]: trace for trace in figure["data"] if trace.get("name")}
 
 
+def drawn(page: Page) -> dict[str, Any]:
+    """What the browser draws the waves from."""
+    (found,) = (
+        component.proto.json
+        for component in page.get("bidi_component")
+        if component.proto.component_name == "accpinn_laboratory"
+    )
+    return dict(json.loads(found))
+
+
 def shown_frequency(page: Page) -> float:
-    """The frequency in rad/s that the response has marked and the leader drives."""
-    curves, waves, *_ = page.figures()
-    (omega,) = {*numbers(traces(curves)[MARK]["x"]).tolist()}
-    leader = traces(waves)["Leader"]
-    time = numbers(leader["x"]).astype(float)
-    np.testing.assert_allclose(numbers(leader["y"]), np.sin(omega * time), atol=1e-4)
-    assert any(shape.get("x0") == omega == shape.get("x1") for shape in curves["layout"]["shapes"])
-    assert page.widget(SLIDER).value == omega
-    return float(omega)
+    """The frequency in rad/s that the slider stands at."""
+    data = drawn(page)
+    return float(data["omega"][data["index"]])
+
+
+def leave_at(page: Page, omega: float) -> Page:
+    """Leave the slider at the offered frequency next to that one."""
+    take_frequency(page.workspace(), {"omega": nearest(omega, drawn(page)["omega"])})
+    return page.sound()
+
+
+def gains(data: dict[str, Any]) -> NDArray[np.complex128]:
+    """(M, K) the gain of each follower in its order, nan where it never settles."""
+    parts = np.array(data["gains"], float)
+    return np.asarray((parts[:, 0] + 1j * parts[:, 1])[data["order"]])
 
 
 def follows(page: Page, vehicles: Parameters, names: list[str]) -> None:
-    """Check that the waves are the steady motion of these vehicles, in this order."""
-    omega, waves = shown_frequency(page), traces(page.figures()[1])
-    assert {*waves} == {"Leader", *names}
-    chain = np.cumprod(response(vehicles, omega))
-    for at, name in zip(chain, names, strict=True):
-        time, speed = (numbers(waves[name][axis]).astype(float) for axis in "xy")
-        exact = abs(at) * np.sin(omega * time + np.angle(at))
-        np.testing.assert_allclose(speed, exact, atol=1e-4 * max(1, abs(at)))
+    """Check that the waves are those of these vehicles, in this order, at all frequencies."""
+    data = drawn(page)
+    assert data["names"] == ["Leader", *names]
+    assert len(data["colours"]) == len(data["widths"]) == len(data["names"])
+    exact = [response(vehicles, omega) for omega in data["omega"]]
+    np.testing.assert_allclose(gains(data).T, exact, atol=1e-6)
 
 
-def test_slider_and_chips_drive_both_charts() -> None:
+def test_frequencies_on_offer_and_chips() -> None:
     page = open_page("Stability", with_example())
     assert shown_frequency(page) == pytest.approx(PEAKS[0].omega, rel=1e-3), "Audi amplifies most"
-    for at, omega in enumerate(PAPER_FREQUENCIES):
-        assert shown_frequency(page.press(f"laboratory_chip_{at}")) == omega
-    assert shown_frequency(page.press("laboratory_chip_2")) == pytest.approx(
-        PEAKS[0].omega, rel=1e-3
-    )
-    offered = page.widget(SLIDER).options
-    chosen = float(offered[len(offered) // 3].split()[0])
-    assert shown_frequency(page.choose(SLIDER, chosen)) == chosen
-    ends = [float(offered[k].split()[0]) for k in (0, -1)]
-    assert (ends[0], ends[1]) == (0.02, 1.0)
-    assert np.diff(np.log([float(text.split()[0]) for text in offered])).max() < 0.015
+    data = drawn(page)
+    offered, chips = data["omega"], {chip["name"]: chip["index"] for chip in data["chips"]}
+    assert [offered[chips[f"{omega:g}"]] for omega in PAPER_FREQUENCIES] == [*PAPER_FREQUENCIES]
+    assert offered[chips["Peak"]] == pytest.approx(PEAKS[0].omega, rel=1e-3)
+    assert (offered[0], offered[-1]) == (0.02, 1.0)
+    assert np.diff(np.log(offered)).max() < 0.015
+    assert shown_frequency(leave_at(page, 0.3)) == 0.3
+    take_frequency(page.workspace(), {"omega": None})
+    assert shown_frequency(page.run()) == 0.3, "a trigger that has passed chooses nothing"
 
 
 def test_one_car_is_repeated_or_all_drive_in_order() -> None:
@@ -84,28 +97,51 @@ def test_one_car_is_repeated_or_all_drive_in_order() -> None:
     follows(
         page, cars[[3] * FOLLOWERS], [name.replace("Audi A6", "Tesla Model 3") for name in names]
     )
-    page.choose(SLIDER, 0.3)
+    leave_at(page, 0.3)
     assert shown_frequency(page.choose(PLATOON, 1)) == 0.3, "a frequency that was chosen is kept"
     follows(page.choose(PLATOON, WHOLE), cars, [*ASTAZERO.labels])
 
 
 def test_values_at_the_mark_are_those_of_the_response() -> None:
-    page = open_page("Stability", with_example()).press("laboratory_chip_0")
-    single = response(ASTAZERO.parameters, 0.25)
-    mark = traces(page.figures()[0])[MARK]
+    page = open_page("Stability", with_example())
+    data, curves = drawn(page), traces(page.figures()[0])
+    single = np.array([response(ASTAZERO.parameters, omega) for omega in data["omega"]])
     levels = 20 * np.log10(np.abs(single))
-    np.testing.assert_allclose(numbers(mark["y"]), [*levels, levels.sum()], atol=1e-9)
-    assert mark["customdata"] == [0, 1, 2, 3, WHOLE]
+    assert [curve["name"] for curve in data["curves"]] == [*ASTAZERO.labels, WHOLE_NAME]
+    for curve, exact in zip(data["curves"], [*levels.T, levels.sum(axis=1)], strict=True):
+        np.testing.assert_allclose(curve["values"], exact, atol=1e-5)
+        line = curves[curve["name"]]
+        along = np.interp(np.log(data["omega"]), np.log(numbers(line["x"])), numbers(line["y"]))
+        np.testing.assert_allclose(curve["values"], along, atol=0.03)
     page.choose("laboratory_part", "phase")
-    angles = np.degrees(np.angle(single))  # none is beyond -180° at this frequency
-    curves = traces(page.figures()[0])
-    np.testing.assert_allclose(numbers(curves[MARK]["y"]), [*angles, angles.sum()], atol=1e-6)
-    whole = curves["Leader to last follower"]
+    at = data["omega"].index(0.25)  # none is beyond -180° there
+    angles = np.degrees(np.angle(single[at]))
+    phases = [curve["values"][at] for curve in drawn(page)["curves"]]
+    np.testing.assert_allclose(phases, [*angles, angles.sum()], atol=1e-4)
+    whole = traces(page.figures()[0])[WHOLE_NAME]
     steps = np.diff(numbers(whole["y"]))
     assert np.abs(steps).max() < 30, "the phase has no jumps"
     assert numbers(whole["y"])[-1] == pytest.approx(
         np.degrees(np.angle(response(ASTAZERO.parameters, 1.0))).sum(), abs=1e-3
     )
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4])
+def test_a_curve_passes_below_its_bar_where_the_papers_condition_is_met(delay: float) -> None:
+    cars = Parameters([0.0409, 0.0612], [0.445, 0.12], [1.16, 1.19], delay=delay)
+    report = stability_report(cars)
+    subject = KnownVehicles(ParameterSet("Mine", ("met", "not"), cars))
+    figure = json.loads(response_curves(subject, "magnitude", 300).to_json())
+    bars = [trace for trace in figure["data"] if trace.get("name") == CONDITION]
+    plain = Parameters(cars.alpha, cars.beta, cars.tau)
+    for bar, vehicle, single in zip(bars, report.vehicles, plain, strict=True):
+        (omega, same), (limit, level) = numbers(bar["x"]), numbers(bar["y"])
+        assert omega == same == pytest.approx(float(np.sqrt(single.alpha)), rel=1e-6)
+        gain = 20 * np.log10(np.abs(response(single[None], omega)[0]))
+        assert level == pytest.approx(gain, abs=1e-4), "the curve of α, β and τ"
+        assert (level < limit) == vehicle.linf_paper.stable
+    phase = response_curves(subject, "phase", 300)
+    assert CONDITION not in [trace.name for trace in phase.data]
 
 
 def test_a_click_chooses_a_frequency_and_a_vehicle() -> None:
@@ -122,20 +158,11 @@ def test_a_click_chooses_a_frequency_and_a_vehicle() -> None:
     assert nearest(1e-9, offered) == 0.1
 
 
-def test_waves_keep_their_scale_over_frequencies() -> None:
+def test_the_scale_of_the_waves_is_the_largest_growth() -> None:
     page = open_page("Stability", with_example()).choose(PLATOON, 2)
-    tops = {
-        page.press(f"laboratory_chip_{at}").figures()[1]["layout"]["yaxis"]["range"][1]
-        for at in (0, 1, 2)
-    }
-    assert len(tops) == 1
+    assert drawn(page)["growth"] == pytest.approx(PEAKS[2].gain ** FOLLOWERS, rel=1e-6)
     page.choose(PLATOON, 0)
-    low, high = (
-        page.press(f"laboratory_chip_{at}").figures()[1]["layout"]["yaxis"]["range"][1]
-        for at in (1, 2)
-    )
-    assert PEAKS[0].gain ** FOLLOWERS > MOST_GROWTH
-    assert low < PEAKS[0].gain ** FOLLOWERS < high, "what grows more has the scale that it needs"
+    assert PEAKS[0].gain ** FOLLOWERS > MOST_GROWTH == drawn(page)["growth"]
 
 
 def test_a_car_that_never_settles_has_no_waves() -> None:
@@ -144,10 +171,9 @@ def test_a_car_that_never_settles_has_no_waves() -> None:
     undamped, calm = (float(UNDAMPED.alpha), 0.0, 0.0), (CALM.alpha, CALM.beta, CALM.tau)
     session.choices[ROWS] = (("odd", *undamped), ("calm", *map(float, calm)))
     page = open_page("Stability", session).choose(PLATOON, WHOLE)
-    assert {*traces(page.figures()[1])} == {"Leader"}
-    assert any("odd never settles" in one["text"] for one in
-               page.figures()[1]["layout"]["annotations"])  # fmt: skip
-    assert {*traces(page.choose(PLATOON, 1).figures()[1])} > {"Leader"}
+    odd, other = gains(drawn(page))
+    assert np.isnan(odd).all()
+    assert np.isfinite(other).all()
 
 
 def test_bands_and_the_sentence_come_from_the_posterior() -> None:

@@ -9,8 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from accpinn.recordings import Mode, Recording, files
-from accpinn.recordings.consistency import ClocksDiffer, SignReversed, UnitsDiffer
-from accpinn.recordings.mapping import kept_mapping, write_mapping
+from accpinn.recordings.inconsistency import ClocksDiffer, SignReversed, UnitsDiffer
+from accpinn.recordings.mapping import remembered_mapping, write_mapping
 from pages.ui.data.mapping import CHANGING, open_fields
 from pages.ui.session.pending import Pending
 from pages.ui.session.resources import find_recording
@@ -146,7 +146,7 @@ def test_a_mapping_is_remembered_in_the_session_alone() -> None:
     page.choose("data_map_name_0", "Audi A6").press("data_open_table")
     session = page.workspace()
     names = files.opened(content, "own.csv").names
-    assert kept_mapping(names) is None, "not on the server's disk"
+    assert remembered_mapping(names) is None, "not on the server's disk"
     assert session.mappings[names].speeds[0].name == "Audi A6"
     assert Pending.of(files.opened(content), session.mappings[names]).mapping == (
         session.recording.mapping

@@ -3,40 +3,52 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.findings import capital
-from accpinn.methods.estimate import Continued, Outcome
+from accpinn.methods import TaskContext
+from accpinn.methods.estimate import Continued, Outcome, Progress
+from accpinn.methods.forecast import INTERVALS
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.results.figures.training import SIMULATION
 from accpinn.results.glossary import MEANINGS
 from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
 from accpinn.results.recording import recording_table
-from accpinn.results.reproduction import CASALE_RUN, ITEMS, learned_line, reproduction_table
+from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
-from accpinn.tasks import Status
-from pages.ui.components.monitor import monitor
+from accpinn.study.run import run
+from accpinn.tasks import Status, Task
+from pages.ui.components.monitor import monitor, progress_parts
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
-from pages.ui.platoon import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import resources, sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
+from pages.ui.session.resources import (
+    FIRST_SAMPLE,
+    SAMPLES,
+    library,
+    store,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
+    MINUTE,
     PAGES,
     WAIT,
     WIDGETS,
     fitted,
+    numbers,
     open_page,
     read,
     stop_tasks,
@@ -79,7 +91,7 @@ def test_a_link_to_an_unknown_session_says_so_shows_a_next_step_and_makes_no_fil
     assert page.workspace().id != name
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
-    assert "**Continue**" not in page.texts()
+    assert "**Recording**" not in page.texts()
     assert {*tmp_path.rglob("*")} - before <= {store().folder}
     page.run()
     assert "no longer kept" not in page.texts()
@@ -95,7 +107,7 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
     assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown, "no new widgets"
     assert shown or title == "Home"
     if title == "Home":
-        assert "**Continue**" in page.texts()
+        assert "**Recording**" in page.texts()
         assert "vehicles 2–5" in page.texts()
     session.choose(window=Window(395.0, 399.0))
     assert session.fault
@@ -131,8 +143,11 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     shown = open_page("Compare", session).open_tab("compare_tabs", "Repeatability").plain()
     assert "All 5 trainings end within" in shown
     page = open_page("Reproduce", session).open_tab("paper_tabs", "One at a time")
-    page.press("paper_Figure8_panels")
-    assert session.choices[TABS] == PANELS
+    page.press("paper_Figure8_a")
+    assert session.parameter_source == "published"
+    platoon = open_page("Platoon", session)
+    assert platoon.widget("platoon_sinusoid_frequency").value == PANELS[0].frequency
+    assert "grows to 4.23 times" in platoon.plain()
 
 
 @pytest.mark.parametrize("title", ["Table I", "Table II", "Table III"])
@@ -201,7 +216,9 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
     page = open_page("Data").choose("data_sample", PLATOON).press("Open this sample")
-    session, before = page.workspace(), page.texts()
+    session = page.workspace()
+    assert len(page.widget("data_windows_on").value) == len(session.several_windows) > 1
+    before = page.choose("data_which", "one").texts()
     session.preset = "fast"
     assert "Tesla (Model3-like)" in before
     (overview,) = page.figures()
@@ -273,7 +290,7 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     train_at_once(session)
     session.choices["train_tabs"] = "Errors"
     for title in ("Train", "Stability"):
-        assert "<td>Human</td>" in open_page(title, session).texts(), "the table carries it"
+        assert ">Human</td>" in open_page(title, session).texts(), "the table carries it"
     session.choose(window=Window(0.0, 30.0))
     assert session.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
@@ -313,12 +330,26 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert "The recording opened before is kept" in page.plain()
     assert (session.recording, session.segment) == before
-    assert "Preview of the window" in page.texts()
+    assert page.widget("data_windows_on")
     page.upload("mine.csv", PAIR)
     assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(PAGES["Home"]).run()
-    assert "**Continue**" in page.texts(), "Home stays open"
+    assert "**Recording**" in page.texts(), "Home stays open"
+
+
+def test_several_files_of_one_drop_are_all_open_and_the_first_is_shown() -> None:
+    page, other = open_page("Home"), csv(platoon(vehicles=3), metadata(("A", "B", "C")))
+    for name, content in (("a.csv", PAIR), ("b.csv", other), ("c.csv", b"x")):
+        page.file_uploader(key="data_upload").upload(name, content, "text/csv")
+    session = page.sound().workspace()
+    assert session.recording.source == "a.csv"
+    assert {one.source for one in session.opened.values()} == {"a.csv", "b.csv"}
+    page = open_page("Data", session)
+    page.session_state[OPENING] = True
+    (key,) = (key for key in page.sound().buttons if key.startswith("data_opened_"))
+    page.press(key)
+    assert session.recording.source == "b.csv"
 
 
 def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
@@ -381,7 +412,7 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     first, second = session.several_windows
     session.window_starts = (second.start,)
     page = open_page("Data", session)
-    assert not page.widget("data_all_windows").value
+    assert page.widget("data_windows_on").value == [second.start]
     assert f"Train on {second} (" in next(b.label for b in page.button if b.key == "data_train")
     page = open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
@@ -390,6 +421,28 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     assert str(first) not in said
     assert "True values: made with" in said
     assert suggested_name(session).endswith(str(second))
+
+
+def test_of_several_windows_all_are_shown_and_what_belongs_to_one_is_hidden() -> None:
+    session = with_sample()
+    page = open_page("Data", session)
+    first, second = session.several_windows
+    written = page.texts()
+    assert all(str(window).removesuffix(" s") in written for window in (first, second))
+    numbers = {box.key for box in page.number_input}
+    assert not any(key and key.startswith(("data_start", "data_length")) for key in numbers)
+    bands = page.figures()[0]["layout"]
+    assert [band["x1"] for band in bands["shapes"]] == [first.end, second.end]
+    assert bands["dragmode"] is False, "a slip of the hand changes nothing"
+    page.choose("data_windows_on", [second.start])
+    assert session.several_windows == (second,)
+    page.choose("data_windows_on", [])
+    assert session.several_windows == (second,), "the last one stays"
+    page.choose("data_windows_on", [first.start, second.start])
+    assert session.window_starts is None
+    page.choose("data_which", "one")
+    assert (session.several_windows, session.windows) == ((), (first,))
+    assert page.widget("data_start").value == first.start
 
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
@@ -409,7 +462,7 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     arrays = ("time", "speed", "gap", "mode")
     shorter = {name: getattr(session.recording, name)[:-1] for name in arrays}
     session.open(replace(session.recording, **shorter))
-    page = open_page("Data", session)
+    page = open_page("Data", session).choose("data_which", "one")
     assert page.number_input(key="data_length").max == end
     page.choose("data_length", end)
     assert session.segment.window.duration == pytest.approx(end - 0.1)
@@ -454,7 +507,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page.open_tab("train_tabs", "Numbers")
     assert about_truth(session.true_parameters, session.result.estimate) in page.plain()
     assert len(page.figures()) == 1
-    assert len(page.open_tab("train_tabs", "Training").figures()) == 5
+    assert len(page.open_tab("train_tabs", "Training").figures()) == 3
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     assert "train_start" in page.buttons
     assert "train_stop" not in page.buttons
@@ -526,9 +579,98 @@ def test_a_training_of_another_model_shows_its_own_parameters() -> None:
     page.sound()
     assert session.result.estimate.model == "idm"
     assert capital(PAPERS_POINT) not in page.plain(), "it is not the paper's"
-    figures = page.open_tab("train_tabs", "Training").figures()
-    titles = [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
-    assert titles[-5:] == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
+    layout = page.open_tab("train_tabs", "Training").figures()[-1]["layout"]
+    titles = [layout[f"yaxis{k}"]["title"]["text"] for k in range(2, 7)]
+    assert titles == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
+
+
+def curve_names(figure: dict[str, Any]) -> set[str]:
+    return {trace["name"] for trace in figure["data"] if "name" in trace}
+
+
+def test_before_a_training_the_page_shows_its_data_and_the_drive_by_the_initial_values() -> None:
+    session = with_pair()
+    page = open_page("Train", session)
+    (figure,) = page.figures()
+    assert curve_names(figure) == {"data", SIMULATION}
+    assert "α = 1 1/s², β = 1 1/s, τ = 1 s" in page.plain()
+    session.choose_model("idm")
+    assert "s₀ = 4 m" in page.sound().plain(), "those at which its search begins"
+    assert curve_names(page.figures()[0]) == {"data", SIMULATION}
+
+
+def test_live_charts_take_the_place_of_an_older_result_whose_strip_comes_after_them() -> None:
+    session = fitted()
+    older, done = session.result, session.training
+    session.restored = older
+    task = Task(session.id, "training", lambda _: iter(()), analysis=older.analysis)
+    session.training, task.status = task, Status.RUNNING
+    page = open_page("Train", session)
+    assert progress_parts(task) == ["Getting ready …"]
+    assert [curve_names(figure) for figure in page.figures()] == [{"data", SIMULATION}]
+    curves = older.curves[0]
+    for k in range(3):
+        now = older.history.parameters[k]
+        moment = Progress("parameters", k, 9, k, *[1.0] * 4, now, curves=curves, left=60.4)
+        task._note(moment)
+    page.sound()
+    assert progress_parts(task) == ["Parameters", "iteration 2", "about 1 min left"]
+    live, moved = page.figures()
+    assert curve_names(live) == {"data", "simulation so far"}
+    assert set(older.info.labels[1:]) <= curve_names(moved)
+    assert not page.get("tab"), "the older result's tabs"
+    assert "strip-row" in page.everything()
+    assert "train_stop" in page.buttons
+    page.choose("train_follower", page.widget("train_follower").options[1])
+    assert page.figures()[0]["layout"]["uirevision"] == "tracking-4"
+    task.finish(older)
+    session.training = done
+
+
+def test_a_slider_goes_through_the_iterations_of_any_result_and_ends_at_its_simulation() -> None:
+    session = fitted()
+    page = open_page("Train", session).open_tab("train_tabs", "Training")
+
+    def lines() -> tuple[Any, float]:
+        *_, curves, moved = page.figures()
+        simulation = next(line for line in curves["data"] if line["name"] == SIMULATION)
+        mark = next(line for line in moved["data"] if line.get("name") == "chosen iteration")
+        return numbers(simulation["y"]), float(mark["x"][0])
+
+    last, at = lines()
+    shown = next(line for line in page.figures()[0]["data"] if line["name"] == SIMULATION)
+    np.testing.assert_array_equal(last, numbers(shown["y"]))
+    assert at == session.result.history.iteration[-1]
+    (slider,) = page.select_slider
+    assert len(slider.options) == len(session.result.history.iteration)
+    session.choices[f"train_moment_{session.result.analysis.key[:8]}"] = 0
+    page.sound()
+    first, at = lines()
+    assert at == session.result.history.iteration[0]
+    assert np.abs(first - last).max() > 1.0
+
+
+@pytest.mark.parametrize("model", ["cthp-s0-delay", "idm"])
+def test_what_was_stopped_before_its_intervals_says_nothing_of_them(model: str) -> None:
+    session = with_pair()
+    session.choose_model(model)
+    asked = session.analysis()
+    stopped: list[bool] = []
+    context = TaskContext(
+        on_progress=lambda now: stopped.append(now.phase == INTERVALS),
+        should_stop=lambda: any(stopped),
+    )
+    result = run(asked, session.recording, segments=session.segments, context=context)
+    assert result.posterior is None
+    task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
+    session.training = task
+    task.finish(result)
+    assert result.weaknesses == ()
+    for title in ("Train", "Stability", "Platoon"):
+        page = open_page(title, session)
+        said = re.sub("with(out)? intervals", "", page.plain())
+        for word in ("interval", "robability", "posterior", "% band", "identified"):
+            assert word not in said, (title, word)
 
 
 def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
@@ -538,8 +680,9 @@ def test_the_point_is_shown_while_its_intervals_are_computed() -> None:
     task = session.training
     task.results, task.status = (), Status.RUNNING
     task._know(point)
+    task._note(Progress("intervals", 0, 1, 1.0, *[0.0] * 4, whole.parameters, left=2.0))
     shown = open_page("Train", session).plain()
-    assert "its intervals follow" in shown
+    assert progress_parts(task)[:2] == ["Intervals", "window 1 of 1"]
     known = cards(replace(whole, estimate=point), together=True)
     assert all(card.lead in shown for card in known)
     task.finish(whole)
@@ -649,15 +792,79 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
     assert [*map(format_duration, seconds)] == words
 
 
-def test_another_window_ends_a_training() -> None:
-    session = with_sample()
+def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() -> None:
+    session = with_pair()
     session.preset = "paper"
     session.train()
-    job = session.training
-    session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
+    job, recording = session.training, session.recording
+    session.choose(window=Window(10.0, 200.0))
     assert session.window_starts == (), "a window chosen by hand is the one that counts"
+    assert session.training is None
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    assert job.is_active
+    page = open_page("Data", session)
+    assert f"{PLATOON.name}, 0–60 s" in page.plain()
+    session.preset = "fast"
+    session.train()
+    assert job.is_active, "a new training waits for it"
+    assert session.training is not job
+    page.sound().press("frame_left_0_show")
+    assert (session.recording, session.asked.window) == (recording, MINUTE)
+    assert session.training is job, "what was open with it is open again"
+    (later,) = session.left
+    page.press("frame_left_0_stop")
+    assert later.task.is_stopping or not later.task.is_active
+    session.choose(window=Window(10.0, 200.0))
+    session.undo()
+    assert session.training is job, "nor is it run twice"
+    stop_tasks(session)
+
+
+def test_a_result_that_was_saved_is_one_row_of_mine_under_its_name() -> None:
+    session = fitted()
+    run = session.result.analysis.key
+
+    def rows() -> dict[str, str]:
+        page = open_page("Home", session)
+        return {
+            str(button.key).removeprefix("home_runs_open_"): read(button.label)
+            for button in page.button
+            if button.key and button.key.startswith("home_runs_open_")
+        }
+
+    assert rows() == {run: PLATOON.name}
+    saved = library().add(session.as_snapshot("Before the update"), session.owner)
+    assert rows() == {run: "Before the update"}
+    store().path(run).unlink()
+    assert rows() == {saved: "Before the update"}
+
+
+def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:
+    session = with_pair()
+    session.preset = "fast"
+    session.train()
+    job = session.training
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert job.wait(WAIT)
-    assert job.status is Status.STOPPED, "nobody could stop it any more"
+    (run,) = session.runs
+    assert run.source == PLATOON.name
+    for title in ("Home", "Train"):
+        page = open_page(title, session)
+        assert f"{'home_runs' if title == 'Home' else 'runs'}_open_{run.id}" in page.buttons
+    page.press("frame_left_0_show")
+    assert session.result.analysis.key == job.analysis.key
+    assert not session.left
+
+
+def test_a_training_in_another_session_of_mine_is_named_with_the_way_to_it() -> None:
+    session = with_pair()
+    session.preset = "paper"
+    session.train()
+    page = open_page("Home")
+    assert page.workspace() is not session
+    page.press("frame_elsewhere_0_show")
+    assert page.workspace() is session
+    stop_tasks(session)
 
 
 def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_their_result() -> None:

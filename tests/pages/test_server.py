@@ -100,7 +100,7 @@ def test_a_user_s_session_is_nobody_else_s_and_goes_on_after_a_kill_in_mid_train
         assert "0–60 s, vehicles 1–2" in " ".join(ann.texts())
         before = at(ann)
         await ann.press("train_start")
-        while not any("Adam: iteration" in text for text in ann.texts()):
+        while not any("iteration" in text for text in ann.texts()):
             assert await ann.poll()
         await ann.press("train_stop")
         while await ann.poll():

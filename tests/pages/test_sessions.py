@@ -353,7 +353,7 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
     raw = PLATOON.read_bytes()
     session = open_page("Data").upload("mine.csv", raw).workspace()
     session.choose(vehicles=(1, 2))
-    page = open_page("Data", session).choose("data_all_windows", True)
+    page = open_page("Data", session).choose("data_which", "all")
     windows = session.several_windows
     assert len(windows) > 1
     assert f"Train on {len(windows)} windows" in page.button(key="data_train").label

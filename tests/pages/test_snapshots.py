@@ -1,17 +1,18 @@
 """The page Snapshots and what a snapshot restores on all others, without a browser."""
 
+import html
 from dataclasses import replace
 
 import pytest
 
 from accpinn import Parameters
 from accpinn.recordings import files
-from accpinn.study.verification import PROMPT, verify
+from accpinn.tasks import Status, Task
 from pages.ui.session import sessions
-from pages.ui.session.resources import library
+from pages.ui.session.resources import library, task_queue
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
-from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
+from tests.support.apptest import PAGES, WAIT, fitted, open_page, stop_tasks
 from tests.support.command import PLATOON
 from tests.support.snapshots import altered, whole
 
@@ -54,14 +55,58 @@ class TestList:
         page.press(f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert page.workspace().restored is None, "looking at it changes nothing"
-        assert "Not verified yet" in page.plain()
         page.open_tab("snapshots_tabs", "Verify")
-        assert verify(whole(), refit_within=PROMPT).counted in page.plain()
+        assert "Not verified yet" in page.plain()
         page.press("snapshots_again")
-        assert "Reproduced: Estimate" in page.plain()
+        assert page.workspace().verifications[name].wait(WAIT)
+        page.sound()
+        checked = library().verification(name)
+        assert checked.ok
+        for kept in (page, open_page("Snapshots", snapshot=name)):
+            assert checked.sentence in kept.plain(), "also for the next visitor"
+            assert "snapshots_again" not in kept.buttons
         page.press("snapshots_open")
         assert page.workspace().restored is not None
         assert "snapshots_open" not in page.buttons
+
+    def test_a_mark_says_how_it_was_verified_and_a_failure_stays_too(self) -> None:
+        forged = altered(whole(), parameters=Parameters.of(whole().parameters.values * 1.1))
+        name = library().add(replace(forged, compared=()))
+        page = open_page("Snapshots", snapshot=name)
+        page.press("snapshots_again")
+        assert page.workspace().verifications[name].wait(WAIT)
+        assert library().verification(name).ok is False
+        for kept in (page.sound(), open_page("Snapshots", snapshot=name)):
+            (said,) = kept.boxes("error")
+            assert "stored α" in said
+        listed = page.press("snapshots_back").plain()
+        assert library().verification(name).brief in listed
+        assert said in html.unescape(listed), "on hover"
+
+    def test_once_the_recording_is_open_its_data_are_compared_too(self) -> None:
+        name = library().add(whole())
+        session = sessions.workspaces().new()
+        session.viewed = name
+        page = open_page("Snapshots", session).press("snapshots_again")
+        assert session.verifications[name].wait(WAIT)
+        assert "snapshots_again" not in page.sound().buttons
+        session.open(files.read(PLATOON))
+        page.sound().press("snapshots_again")
+        assert session.verifications[name].wait(WAIT)
+        assert library().verification(name).has_recording
+        assert "snapshots_again" not in page.sound().buttons
+
+    def test_a_verification_is_stopped_and_leaves_no_mark(self) -> None:
+        name = library().add(whole())
+        page = open_page("Snapshots", snapshot=name)
+        held = Task("somebody", "training", lambda context: iter(iter(context.should_stop, True)))
+        task_queue().submit(held)
+        page.press("snapshots_again")
+        page.press("snapshots_verify_stop")
+        held.stop()
+        assert page.workspace().verifications[name].status is Status.STOPPED
+        assert library().verification(name) is None
+        assert "snapshots_again" in page.sound().buttons
 
     def test_words_find_rows(self) -> None:
         for name in ("alfa", "bravo", "charlie", "delta", "echo", "foxtrot"):

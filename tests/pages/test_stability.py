@@ -1,16 +1,19 @@
 """The pages Stability and Platoon without a browser: source, verdicts, orders, disturbances."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite, pi
 from typing import Any
 
+import numpy as np
 import pytest
 
 from accpinn import Library, Parameters, Result, stability_report
 from accpinn.errors import AccpinnError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.pinn.config import PresetName
+from accpinn.model.cthp import Case
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window, files
@@ -18,14 +21,15 @@ from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.estimate import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.tables.stability import verdict_table
+from accpinn.results.tables.stability import margin_table, verdict_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
-from pages.ui.platoon import PANELS, parse_order
+from pages.ui.platoon import parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import SAMPLES, library
+from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     MINUTE,
     Page,
@@ -44,8 +48,9 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 def headline(page: Page) -> str:
-    """What the page says first, with its source."""
-    return read(next(m.value for m in page.markdown if "\n#### " in m.value))
+    """What the page says first, which begins with its source."""
+    first = (m.value for m in page.markdown if "\n#### " in m.value or m.value[:6] == "##### ")
+    return read(next(first)).removeprefix("##### ")
 
 
 CALM = ("calm", 0.05, 0.6, 1.8)
@@ -55,19 +60,23 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     page = open_page("Stability", with_example())
     said = page.plain()
     assert GIVEN_PARAMETERS in said
-    said = page.open_tab("stability", "Why").plain()
+    said = page.open_tab("stability", "Numbers").plain()
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-    assert len(page.open_tab("stability", "Criteria").figures()) == 3
+    assert len(page.figures()) == 2
+    assert len(page.open_tab("stability", "Poles and responses").figures()) == 4
+    page.choose("stability_impulse", 1)
+    gain = stability_report(ASTAZERO.parameters).vehicles[1].linf_gain
+    assert f"<b>{gain:.3f}</b>" in page.figures()[3]["layout"]["annotations"][0]["text"]
 
-    page.open_tab("stability", "Map")
+    page.open_tab("stability", "Region")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
-    assert page.figures()[2]["layout"]["xaxis"]["title"]["text"].startswith("α")
+    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in page.plain()
     page.choose("frame_pictures", "PNG")
-    (_, _, plane) = page.get("plotly_chart")
+    (_, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
     page.choose("parameters_example", CASALE.title)
@@ -83,7 +92,7 @@ def test_what_is_trained_is_what_is_shown(preset: PresetName) -> None:
     assert shown == pytest.approx(result.parameters.everything, abs=1e-9)
     page = open_page("Stability", session)
     assert page.shows(verdict_table(known_vehicles(result)))
-    assert ("robability" in page.plain()) is (result.posterior is not None)
+    assert ("Probability" in page.plain()) is (result.posterior is not None)
 
 
 def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
@@ -92,7 +101,9 @@ def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert all(label in page.plain() for label in session.segment.labels[1:])
     said = headline(page)
     assert said.startswith("Estimate: synthetic_astazero_like.csv, 0–60 s")
-    assert "probability of L₂ string stability" in said
+    assert probabilities(known_vehicles(session.result).vehicles, session.result.uncertainty) in (
+        page.plain()
+    )
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
@@ -152,7 +163,7 @@ def test_followers_that_share_their_parameters_have_one_colour() -> None:
     session = fitted()
     train_at_once(session, "I")
     page = open_page("Stability", session)
-    assert EVERY_FOLLOWER in headline(page)
+    assert EVERY_FOLLOWER in page.plain()
     curves = [trace["line"]["color"] for trace in page.figures()[0]["data"] if "line" in trace]
     assert SHARED in curves
     assert not {*curves} & {LEADER, *FOLLOWERS}
@@ -184,12 +195,52 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     page = open_page("Stability", with_example()).choose("parameters_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
-    assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
-    assert "Hyundai amplifies disturbances" in page.plain()
+    assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52, 0.0, 0.0, 0.0),)
+    assert "Hyundai amplifies by" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page("Stability", session)
-    assert "Vehicle 2 amplifies disturbances by up to 38 %" in again.plain()
+    assert "Vehicle 2 amplifies most: by up to 38 %" in again.plain()
     assert "Vehicle 2" in open_page("Platoon", session).plain()
+
+
+@pytest.mark.parametrize("model", ["cthp-s0-delay", "idm", "fvdm-lag"])
+def test_what_is_taken_over_by_hand_is_the_learned_set_with_all_digits(model: str) -> None:
+    session = with_pair()
+    session.choose_model(model)
+    result = train_at_once(session)
+    learned = known_vehicles(result)
+    page = open_page("Stability", session).choose("stability_source", "hand")
+    typed = parameters_from(session, "hand", ())
+    np.testing.assert_allclose(
+        typed.vehicles.parameters.everything, learned.vehicles.parameters.everything,
+        rtol=1e-12, atol=0,
+    )  # fmt: skip
+    for one, other in zip(typed.report.vehicles, learned.report.vehicles, strict=True):
+        assert [v.stable for v in (one.l2, one.linf_paper, one.linf_exact)] == [
+            v.stable for v in (other.l2, other.linf_paper, other.linf_exact)
+        ]
+        assert one.linf_gain == pytest.approx(other.linf_gain, rel=1e-12)
+        assert one.peak.gain == pytest.approx(other.peak.gain, rel=1e-12)
+    page.choose("stability_rows_cars", 3)
+    assert len(parameters_from(session, "hand", ()).vehicles) == 3
+    assert page.press("stability_rows_take").sound()
+    assert len(session.choices[ROWS]) == 1
+    assert not open_page("Platoon", session).error
+
+
+def test_by_hand_another_model_has_its_own_parameters() -> None:
+    page = open_page("Stability", with_example()).choose("stability_source", "hand")
+    page.choose("stability_rows_model", "idm-delay")
+    session = page.workspace()
+    assert [len(row) for row in session.choices[ROWS]] == [8] * 4
+    assert parameters_from(session, "hand", ()).vehicles.model == "idm-delay"
+    name, *values = session.choices[ROWS][0]
+    for place, value, sentence in ((0, -1.0, "a = -1 is not allowed"), (3, None, "s₀ is missing"),
+                                   (6, None, "the speed is missing"),
+                                   (6, 60.0, "no equilibrium")):  # fmt: skip
+        session.choices[ROWS] = ((name, *values[:place], value, *values[place + 1 :]),)
+        (error,) = open_page("Stability", session).boxes("error")
+        assert sentence in error
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
@@ -218,6 +269,52 @@ def test_vehicles_of_one_name_are_told_apart() -> None:
     for vehicle in (1, 0):
         page.choose("platoon_vehicle", vehicle)
         assert session.choices["platoon_vehicle"] == vehicle
+
+
+# In every state
+
+
+TABS = ("Numbers", "Poles and responses", "Region", "Margin", "Measured")
+ODD = (("undamped", 0.1, 0.0, 0.0), ("bare", 0.0, 0.3, 1.0), ("silent", 0.0, 0.0, 1.0), CALM)
+
+
+def by_hand(*rows: tuple[str, float, float, float]) -> Workspace:
+    session = sessions.workspaces().new()
+    session.chosen_source, session.choices[ROWS] = "hand", rows
+    return session
+
+
+def estimated(model: str, case: Case = "II") -> Workspace:
+    session = fitted()
+    session.choose_model(model)
+    train_at_once(session, case)
+    return session
+
+
+STATES: dict[str, Callable[[], Workspace]] = {
+    "odd by hand": lambda: by_hand(*ODD),
+    "one by hand": lambda: by_hand(CALM),
+    "eight by hand": lambda: by_hand(*[(f"car {k}", 0.08, 0.1 * k, 1.2) for k in range(1, 9)]),
+    "with a lag": lambda: estimated("cthp-s0-lag"),
+    "nonlinear": lambda: estimated("idm"),
+    "shared parameters": lambda: estimated("cthp-s0-delay", "I"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_every_tab_is_drawn_in_every_state(state: str) -> None:
+    session = STATES[state]()
+    page = open_page("Stability", session)
+    for tab in TABS:
+        page.open_tab("stability", tab)
+        assert not page.boxes("error")
+        if tab == "Region":
+            for plane in ("alpha", "gains"):
+                page.choose("stability_plane", plane)
+                assert not page.boxes("error")
+        if tab == "Margin":
+            source = parameters_from(session, session.parameter_source, ())
+            assert page.shows(margin_table(source))
 
 
 # From several results
@@ -305,7 +402,7 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 )
 def test_the_laboratory_leads_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
     page = open_page("Stability", with_example()).choose("laboratory_platoon", which)
-    session = page.press("laboratory_open_platoon").workspace()
+    session = page.press("stability_next").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
     omega = session.choices["platoon_sinusoid_frequency"]
@@ -313,20 +410,20 @@ def test_the_laboratory_leads_to_the_platoon_page(which: int, chosen: tuple[Any,
     if which == 1:
         other = open_page("Platoon", session)
         assert other.widget("platoon_sinusoid_frequency").value == omega
-        assert "Follower 8: BMW X5" in other.plain()
+        assert drawn(other)["names"][-1] == "Follower 8: BMW X5"
 
 
 def test_the_measured_gain_stands_beside_the_model() -> None:
     session = fitted()
     page = open_page("Stability", session).open_tab("stability", "Measured")
     page.choose("stability_measured", 1)
-    chart = {trace.get("name"): trace for trace in page.figures()[2]["data"]}
+    chart = {trace.get("name"): trace for trace in page.figures()[1]["data"]}
     label = session.segment.labels[2]
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
-    assert not any("model" in one.get("name", "") for one in page.figures()[2]["data"])
+    assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
     page.choose("parameters_example", CASALE.title)
-    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[2]["data"])
+    assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]
@@ -335,6 +432,12 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
 
 
 # The page Platoon
+
+
+def drawn(page: Page) -> dict[str, Any]:
+    """What the animation draws."""
+    (road,) = page.get("bidi_component")
+    return dict(json.loads(road.proto.json))
 
 
 def reach(page: Page, place: int) -> tuple[float, float]:
@@ -358,14 +461,11 @@ class TestPage:
         assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.2189)
         assert "2.44 times at the last follower" in page.plain()
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
-        page.choose("platoon_db", True)
-        assert "[dB re leader]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]
+        bars = next(one for one in page.figures()[2]["data"] if one["name"] == "Simulated")
+        assert numbers(bars["y"])[-1] == pytest.approx(2.44, abs=0.005)
+        assert "From 414 to 500 s of 500 s." in page.plain(), "the animation"
         assert "From 6 to 235 s of 500 s." in page.open_tab("platoon", MAP).plain()
-        assert "From 414 to 500 s of 500 s." in page.open_tab("platoon", "Animation").plain()
-        said = page.open_tab("platoon", PANELS).plain()
-        assert "(a) Mercedes A-Class at 0.25 rad/s: grows to 4.2" in said
-        assert "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42" in said
-        assert len(page.get("plotly_chart")) == 6
+        assert "2.44" in page.open_tab("platoon", "Numbers").texts()
 
     def test_both_charts_show_the_part_and_the_view_that_were_chosen(self) -> None:
         page = open_page("Platoon", with_example())
@@ -385,7 +485,7 @@ class TestPage:
         gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
         assert f"grows to {gain:.3g} times" in page.plain()
         page.choose("platoon_followers", 3)
-        assert "Follower 4: Mercedes A-Class" not in page.plain()
+        assert len(drawn(page)["names"]) == 4
         assert "grows to 1.72 times" in page.plain()
         page.choose("platoon_vehicle", 3)
         assert page.widget("platoon_sinusoid_frequency").value == 0.25
@@ -416,7 +516,7 @@ class TestPage:
 
     def test_an_order_of_ones_own(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_order", "own")
-        assert "Follower 8: Tesla Model 3" in page.plain(), "twice in order to begin with"
+        assert drawn(page)["names"][-1] == "Follower 8: Tesla Model 3", "twice in order at first"
         page.choose("platoon_own", "4, 1-2")
         for name in ("1: Tesla Model 3", "2: Audi A6", "3: BMW X5"):
             assert name in page.plain()

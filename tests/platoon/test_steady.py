@@ -2,15 +2,25 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from accpinn import Parameters, simulate_platoon
 from accpinn.platoon import SETTLED
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.steady import steady_deviations
+from accpinn.platoon.steady import steady_gains
 
 PARAMETERS = Parameters([0.08, 0.1], [0.3, 0.25], [1.2, 1.4])
 DELAYED = Parameters([0.08, 0.1], [0.3, 0.25], [1.2, 1.4], [3.0, 0.0], [0.2, 0.0], [0.0, 0.3])
 UNSTABLE = Parameters([0.08, 0.5, 0.08], [0.3, 1.5, 0.3], 1.2, 0.0, 0.0, [0.0, 3.0, 0.0])
+
+
+def steady_deviations(
+    parameters: Parameters, omega: float, time: NDArray[np.float64], amplitude: float = 1.0
+) -> NDArray[np.float64]:
+    """(N, M+1) deviations of speed in m/s at (N,) instants, leader first."""
+    single = steady_gains(parameters, np.array([omega]))[:, 0]
+    chain = np.cumprod(np.concatenate([[1.0], single]))
+    return np.asarray((amplitude * chain * np.exp(1j * omega * time)[:, None]).imag)
 
 
 @pytest.mark.parametrize("parameters", [PARAMETERS, DELAYED])

@@ -11,7 +11,7 @@ import pytest
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
-from accpinn.recordings.openacc import Run, catalogue, find, is_known, make_and_model, read
+from accpinn.recordings.openacc import Run, catalogue, find, is_listed_name, make_and_model, read
 from tests.support.command import Capture, document, refused
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import Publisher, publisher
@@ -47,13 +47,13 @@ def names(folder: Path) -> list[str]:
 
 def test_files_arrive_once_and_can_be_read(server: Publisher, tmp_path: Path) -> None:
     first = fetched(server, tmp_path, KNOWN, UNKNOWN)
-    assert [one.state for one in first] == [DownloadState.DOWNLOADED] * 2
+    assert [ended.state for ended in first] == [DownloadState.DOWNLOADED] * 2
     assert read(first[0].path).samples == 1500
     assert names(first[0].path.parent) == [KNOWN.file]
-    asked = len(server.requests)
+    requests = len(server.requests)
     again = fetched(server, tmp_path, KNOWN, UNKNOWN)
-    assert [one.state for one in again] == [DownloadState.PRESENT] * 2
-    assert len(server.requests) == asked
+    assert [ended.state for ended in again] == [DownloadState.PRESENT] * 2
+    assert len(server.requests) == requests
 
 
 @pytest.mark.parametrize("run", [KNOWN, UNKNOWN], ids=["known", "unknown"])
@@ -80,7 +80,7 @@ def test_interruptions_are_survived(
         ("503", "status 503, 5"),
     ],
 )
-def test_after_some_attempts_it_is_said_and_a_later_call_starts_again(
+def test_after_five_attempts_a_download_fails_and_a_later_call_starts_again(
     server: Publisher, tmp_path: Path, fault: str, words: str
 ) -> None:
     server.faults[KNOWN.key] = [fault] * 5
@@ -101,7 +101,7 @@ def test_after_some_attempts_it_is_said_and_a_later_call_starts_again(
         (b"PK\3\4" + bytes(500), "", "no OpenACC run"),
     ],
 )
-def test_what_is_no_run_is_not_kept(
+def test_a_file_that_is_no_run_is_deleted(
     server: Publisher, tmp_path: Path, content: bytes | None, fault: str, words: str
 ) -> None:
     server.files[UNKNOWN.key] = content or CONTENT
@@ -126,22 +126,22 @@ def test_another_file_than_the_published_one_is_not_kept(server: Publisher, tmp_
         fetched(server, again.path / "below", KNOWN)
 
 
-def test_without_a_network_one_clear_word_and_no_waiting(
+def test_without_a_network_a_download_fails_at_once_in_one_sentence(
     capsys: Capture, server: Publisher, tmp_path: Path
 ) -> None:
     closed = "http://127.0.0.1:9"
     assert main(["download", "ZalaZone", "--to", str(tmp_path), "--from", closed]) == 1
     printed = capsys.readouterr()
     assert printed.out == f"{tmp_path}: 73 failed\n"
-    [said] = [line for line in printed.err.splitlines() if line.startswith("error: ")]
-    assert "127.0.0.1:9 cannot be reached; check the network" in said
+    [sentence] = [line for line in printed.err.splitlines() if line.startswith("error: ")]
+    assert "127.0.0.1:9 cannot be reached; check the network" in sentence
 
 
 def test_connections_are_limited_and_can_be_stopped(server: Publisher, tmp_path: Path) -> None:
     runs = [Run("Casale", f"part{k}.csv", None) for k in range(20, 40)]
     server.files |= {run.key: CONTENT for run in runs}
-    found = fetched(server, tmp_path, *runs, connections=3)
-    assert all(one.state is DownloadState.DOWNLOADED for one in found)
+    downloads = fetched(server, tmp_path, *runs, connections=3)
+    assert all(ended.state is DownloadState.DOWNLOADED for ended in downloads)
     assert server.most_at_once <= 3
     [stopped] = fetched(server, tmp_path / "other", KNOWN, should_stop=lambda: True)
     assert stopped.state is DownloadState.STOPPED
@@ -165,8 +165,8 @@ def test_command_lists_downloads_and_counts(
     name = next(run.file for run in find(["Cherasco"]) if run.sha256 is None)
     listed = document(capsys, "download", name, "--list", *options)
     assert [row["downloaded"] for row in listed["runs"]] == [False]
-    found = document(capsys, "download", name, *options)
-    assert [row["state"] for row in found["runs"]] == ["downloaded"]
+    downloaded = document(capsys, "download", name, *options)
+    assert [row["state"] for row in downloaded["runs"]] == ["downloaded"]
     assert main(["download", "--list", "--to", str(tmp_path)]) == 0
     assert capsys.readouterr().out.startswith("139 runs, ")
     assert "not in the catalogue" in refused(capsys, 2, "download", "x", *options)
@@ -189,7 +189,7 @@ def test_command_lists_downloads_and_counts(
         ("", ("", "")),
     ],
 )
-def test_one_spelling(name: str, expected: tuple[str, str]) -> None:
+def test_makes_and_models_have_one_spelling(name: str, expected: tuple[str, str]) -> None:
     assert make_and_model(name) == expected
-    assert is_known("tesla (model3)")
-    assert not is_known("Lada(Niva)")
+    assert is_listed_name("tesla (model3)")
+    assert not is_listed_name("Lada(Niva)")

@@ -14,7 +14,12 @@ from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.files import contradictions, opened, read, read_all
 from accpinn.recordings.mapped import UnitContradictsHeader
-from accpinn.recordings.mapping import MappingRemembered, kept_mapping, load_mapping, parse_mapping
+from accpinn.recordings.mapping import (
+    MappingRemembered,
+    load_mapping,
+    parse_mapping,
+    remembered_mapping,
+)
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -43,13 +48,13 @@ def test_columns_units_and_separators(separator: str) -> None:
     original = read(csv(frame, metadata(("A", "B"))), "run.csv")
     decimal = "," if separator == ";" else "."
     raw = foreign(frame).to_csv(index=False, sep=separator, decimal=decimal).encode()
-    found = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
-    np.testing.assert_allclose(found.speed, original.speed, atol=2e-9)
-    np.testing.assert_allclose(found.gap, original.gap, atol=2e-9)
-    np.testing.assert_allclose(found.time, original.time, atol=1e-6)
-    assert found.is_even
-    assert [vehicle.name for vehicle in found.vehicles] == ["Audi (A8)", "Vehicle 2"]
-    assert (found.mode[0, 1], found.mode[-1, 1]) == (Mode.HUMAN, Mode.ACC)
+    recording = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    np.testing.assert_allclose(recording.speed, original.speed, atol=2e-9)
+    np.testing.assert_allclose(recording.gap, original.gap, atol=2e-9)
+    np.testing.assert_allclose(recording.time, original.time, atol=1e-6)
+    assert recording.is_even
+    assert [vehicle.name for vehicle in recording.vehicles] == ["Audi (A8)", "Vehicle 2"]
+    assert (recording.mode[0, 1], recording.mode[-1, 1]) == (Mode.HUMAN, Mode.ACC)
     shown = opened(raw, "mine.csv").layout
     assert (shown.separator, shown.decimal, len(shown.rows)) == (separator, decimal, 5)
     assert shown.names == tuple(foreign(frame).columns)
@@ -84,9 +89,9 @@ def test_a_mapping_is_remembered_on_request_and_for_the_same_columns_only(tmp_pa
     assert not reused(foreign(frame).rename(columns={"note": "remark"}).to_csv().encode())
     with pytest.raises(RecordingError, match="cannot be opened"):
         load_mapping(mappings / "none.json")
-    for kept in mappings.iterdir():
-        assert load_mapping(kept) == mapping
-        kept.write_text("{")
+    for path in mappings.iterdir():
+        assert load_mapping(path) == mapping
+        path.write_text("{")
     assert not reused(raw)
 
 
@@ -96,7 +101,7 @@ def test_a_mapping_that_contradicts_the_data_is_not_remembered(old: str, new: st
     wrong = parse_mapping(MAPPING.replace(old, new))
     recording = read(raw, "mine.csv", mapping=wrong, remember=True)
     assert contradictions(recording)
-    assert kept_mapping(opened(raw, "mine.csv").names) is None
+    assert remembered_mapping(opened(raw, "mine.csv").names) is None
 
 
 def test_several_runs_in_one_table_without_a_column_of_time() -> None:
@@ -105,11 +110,11 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         parse_mapping(MAPPING), time=None, sample_time=0.05, trajectory="run"
     )
     raw = frame.to_csv(index=False).encode()
-    found = [r for r in read_all(raw, "mine.csv", mapping=changed) if isinstance(r, Recording)]
-    facts = [(run.trajectory, run.samples, run.sample_time) for run in found]
+    runs = [r for r in read_all(raw, "mine.csv", mapping=changed) if isinstance(r, Recording)]
+    facts = [(run.trajectory, run.samples, run.sample_time) for run in runs]
     assert facts == [("x", 120, 0.05), ("y", 80, 0.05)]
     chosen = read(raw, "mine.csv", mapping=changed, trajectory="y")
-    np.testing.assert_array_equal(chosen.speed, found[1].speed)
+    np.testing.assert_array_equal(chosen.speed, runs[1].speed)
     assert opened(raw, "mine.csv", mapping=changed).trajectories == (("x", 2), ("y", 2))
     with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
         read(raw, "mine.csv", mapping=changed)
@@ -131,7 +136,7 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         ('"range"', '"note"', 'row 2, column note: "a" is not a number'),
     ],
 )
-def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) -> None:
+def test_an_invalid_mapping_is_refused_with_its_place(old: str, new: str, words: str) -> None:
     raw = foreign(platoon(2, 100)).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match=words):
         read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
@@ -144,22 +149,22 @@ def test_decimal_commas_are_seen_behind_rows_of_whole_numbers() -> None:
     head["clock"] += 100 * np.arange(30) - head["clock"] + head["clock"][0]
     raw = head.to_csv(index=False, sep=";")
     raw += rows.to_csv(index=False, sep=";", decimal=",", header=False)
-    found = read(raw.encode(), "mine.csv", mapping=parse_mapping(MAPPING))
-    np.testing.assert_allclose(found.speed[30:, 1], rows["v2"])
+    recording = read(raw.encode(), "mine.csv", mapping=parse_mapping(MAPPING))
+    np.testing.assert_allclose(recording.speed[30:, 1], rows["v2"])
 
 
-def test_words_for_modes_are_found_in_any_spelling_and_what_is_neither_is_told() -> None:
+def test_words_for_modes_are_read_in_any_spelling_and_others_are_reported() -> None:
     frame = foreign(platoon(2, 300))
     by_word = {0: "human ", 1: "acc"}
     for written in (frame["engaged"].astype(float), frame["engaged"].map(by_word)):
         raw = frame.assign(engaged=written).to_csv(index=False).encode()
         words = MAPPING.replace('["1"]', '["1", "ACC"]').replace('["0"]', '["0", "Human"]')
-        found = read(raw, "mine.csv", mapping=parse_mapping(words))
-        assert found.mode[[0, -1], 1].tolist() == [Mode.HUMAN, Mode.ACC]
-        assert not found.findings
-    found = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
-    assert (found.mode == Mode.UNKNOWN).all()
-    assert found.findings == (ModesUnknown("engaged", "1 nor 0", 300, "acc"),)
+        recording = read(raw, "mine.csv", mapping=parse_mapping(words))
+        assert recording.mode[[0, -1], 1].tolist() == [Mode.HUMAN, Mode.ACC]
+        assert not recording.findings
+    recording = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    assert (recording.mode == Mode.UNKNOWN).all()
+    assert recording.findings == (ModesUnknown("engaged", "1 nor 0", 300, "acc"),)
 
 
 @pytest.mark.parametrize(
@@ -184,9 +189,9 @@ def test_a_faulty_row_is_refused_with_its_place(row: str, words: str) -> None:
 
 
 def recordings(raw: bytes) -> list[Recording]:
-    found = list(read_all(raw, "pairs.csv"))
-    assert all(isinstance(one, Recording) for one in found)
-    return [one for one in found if isinstance(one, Recording)]
+    runs = list(read_all(raw, "pairs.csv"))
+    assert all(isinstance(run, Recording) for run in runs)
+    return [run for run in runs if isinstance(run, Recording)]
 
 
 def test_pairs_of_a_platoon_are_the_platoon() -> None:
@@ -194,37 +199,42 @@ def test_pairs_of_a_platoon_are_the_platoon() -> None:
     original = read(csv(frame), "run.csv")
     raw = table(pair(frame, 3, "c"), pair(frame, 1, "a"), pair(frame, 2, "b"))
     for chosen in (None, "a", "b", "c"):
-        found = read(raw, "pairs.csv", trajectory=chosen)
-        np.testing.assert_array_equal(found.speed, original.speed)
-        np.testing.assert_array_equal(found.gap, original.gap)
-        np.testing.assert_allclose(found.time, original.time, atol=1e-9)
-    assert [vehicle.name for vehicle in found.vehicles] == ["ID 101", "ID 102", "ID 103", "ID 104"]
-    assert (found.mode[0] == [Mode.HUMAN, Mode.ACC, Mode.ACC, Mode.ACC]).all()
+        recording = read(raw, "pairs.csv", trajectory=chosen)
+        np.testing.assert_array_equal(recording.speed, original.speed)
+        np.testing.assert_array_equal(recording.gap, original.gap)
+        np.testing.assert_allclose(recording.time, original.time, atol=1e-9)
+    assert [vehicle.name for vehicle in recording.vehicles] == [
+        "ID 101",
+        "ID 102",
+        "ID 103",
+        "ID 104",
+    ]
+    assert (recording.mode[0] == [Mode.HUMAN, Mode.ACC, Mode.ACC, Mode.ACC]).all()
 
 
 def test_pairs_that_begin_at_different_times_are_shifted() -> None:
     frame = platoon(4, 900)
     frame += np.random.default_rng(0).normal(0, 0.3, frame.shape).cumsum(axis=0) * 0.1
     raw = table(pair(frame, 1, "a", 150, 700), pair(frame, 2, "b", 0, 600), pair(frame, 3, "c", 90))
-    [found] = recordings(raw)
+    [recording] = recordings(raw)
     for number, (first, last) in {1: (150, 700), 2: (0, 700), 3: (0, 900), 4: (90, 900)}.items():
-        known = np.zeros(900, bool)
-        known[first:last] = True
-        np.testing.assert_array_equal(np.isfinite(found.speed_of(number)), known)
-        column = frame[f"Speed{number}"].to_numpy()[known]
-        np.testing.assert_array_equal(found.speed_of(number)[known], column)
-    assert found.time[-1] == pytest.approx(89.9)
-    assert found.samples == 900
+        has_data = np.zeros(900, bool)
+        has_data[first:last] = True
+        np.testing.assert_array_equal(np.isfinite(recording.speed_of(number)), has_data)
+        column = frame[f"Speed{number}"].to_numpy()[has_data]
+        np.testing.assert_array_equal(recording.speed_of(number)[has_data], column)
+    assert recording.time[-1] == pytest.approx(89.9)
+    assert recording.samples == 900
 
 
 def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
     frame, later = platoon(3, 600), platoon(3, 600)
     later["Speed2"] += 1.5 * np.sin(0.11 * later["Time"])
     raw = table(pair(frame, 1, "a"), pair(later, 2, "b"))
-    found = recordings(raw)
-    assert [one.trajectory for one in found] == ["a", "b"]
-    assert all(one.speed.shape == (600, 2) for one in found)
-    assert len({one.sha256 for one in found}) == 2
+    pairs = recordings(raw)
+    assert [run.trajectory for run in pairs] == ["a", "b"]
+    assert all(run.speed.shape == (600, 2) for run in pairs)
+    assert len({run.sha256 for run in pairs}) == 2
     with pytest.raises(RecordingError, match=r"holds 2 platoons; .*--trajectory.*: a, b\."):
         read(raw, "pairs.csv")
     with pytest.raises(RecordingError, match='no trajectory "z"'):
@@ -283,18 +293,18 @@ def ultra_av(openacc_dir: Path) -> Path:
 def test_a_table_and_openacc_file_of_one_run_are_the_same_data(
     ultra_av: Path, openacc_dir: Path
 ) -> None:
-    one = read(ultra_av / "step1_Casale_8.csv")
-    other = read(openacc_dir / "Casale" / "part8.csv")
-    assert one.campaign == other.campaign == "Casale"
-    segments = [cut(recording, 0, 100) for recording in (one, other)]
+    of_table = read(ultra_av / "step1_Casale_8.csv")
+    of_file = read(openacc_dir / "Casale" / "part8.csv")
+    assert of_table.campaign == of_file.campaign == "Casale"
+    segments = [cut(recording, 0, 100) for recording in (of_table, of_file)]
     assert segments[0].info.digest == segments[1].info.digest
     for method in ("least-squares", "maximum-likelihood"):
-        fits = [accpinn.fit(source, duration=100, method=method) for source in (one, other)]
+        fits = [accpinn.fit(source, duration=100, method=method) for source in (of_table, of_file)]
         np.testing.assert_allclose(*(f.parameters.values for f in fits), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("is_row", [False, True])
-def test_a_mapping_that_contradicts_the_header_is_told_and_not_remembered(is_row: bool) -> None:
+def test_a_mapping_that_contradicts_the_header_is_reported_and_not_remembered(is_row: bool) -> None:
     """Speeds and gap in feet have the slope of metres, so that the data cannot tell."""
     header = "t,lead [ft/s],ego [ft/s],gap [ft]"
     if is_row:
@@ -303,18 +313,18 @@ def test_a_mapping_that_contradicts_the_header_is_told_and_not_remembered(is_row
     raw = f"{header}\n{frame.to_csv(index=False, header=False)}".encode()
     names = opened(raw, "feet.csv").names
     units = {"speed": "m/s", "gap": "m"}
-    for said in (3, 0):
+    for count in (3, 0):
         mapping = parse_mapping(json.dumps({
             "time": {"column": names[0]},
             "speeds": [{"column": name, "unit": units["speed"]} for name in names[1:3]],
             "gaps": [{"column": names[3], "unit": units["gap"]}],
         }))  # fmt: skip
         recording = read(raw, "feet.csv", mapping=mapping, remember=True)
-        told = [f for f in recording.findings if isinstance(f, UnitContradictsHeader)]
-        assert len(told) == said
+        contradicting = [f for f in recording.findings if isinstance(f, UnitContradictsHeader)]
+        assert len(contradicting) == count
         window = cut(recording, 0, 20).findings
-        assert [f for f in window if isinstance(f, UnitContradictsHeader)] == told
+        assert [f for f in window if isinstance(f, UnitContradictsHeader)] == contradicting
         result = accpinn.fit(recording, 0, 20, method="least-squares")
-        assert [f for f in result.warnings if isinstance(f, UnitContradictsHeader)] == told
-        assert (kept_mapping(names) is None) == bool(said)
+        assert [f for f in result.warnings if isinstance(f, UnitContradictsHeader)] == contradicting
+        assert (remembered_mapping(names) is None) == bool(count)
         units = {"speed": "ft/s", "gap": "ft"}

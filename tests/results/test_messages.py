@@ -169,7 +169,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: batches(studies.row("A", tau=1.0), studies.row("A", tau=1.1)), ["probability"]),
     (lambda: batches(studies.row("A"), studies.row("B", beta=1.9), studies.row("C", tau=None)),
      ["None of the 2 vehicles"]),
-    (lambda: on_batch.failures_line((BROKEN, BROKEN)), ["1 file without a window;"]),
+    (lambda: on_batch.failures_line((BROKEN, BROKEN)), ["1 file without a window"]),
     (lambda: on_batch.failures_line((BROKEN, *FAILED)),
      ["1 file without a window", "2 estimates failed"]),
     (lambda: on_batch.batch_line(studies.REQUEST), ["300 s", "Case II", "CTHP"]),
@@ -232,6 +232,8 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
     assert against.is_contradicted
     assert against.trust == f"{against.against} {result.trust[0].in_words}"
     assert any(check.short in said for said in on_estimate.contradictions(doubted))
+    assert any(check.short in said for said in on_estimate.contradictions(doubted, [0, 0]))
+    assert not any(check.short in said for said in on_estimate.contradictions(doubted, [1]))
 
 
 def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them() -> None:
@@ -288,14 +290,14 @@ def test_methods_are_as_far_from_the_recommended_estimate_as_is_said() -> None:
 
     def said(*values: float) -> str:
         row = altered(other, parameters=Parameters.of(np.tile(values, (2, 1))))
-        return on_result.agreement((first, row), first)
+        return " ".join(on_result.agreement((first, row), first))
 
     assert said(0.106, 0.0, 1.002).startswith("Every method agrees with the recommended estimate")
     assert "6 % (α) and 1 % (time gap) of it" in said(0.106, 0.0, 1.002)
     assert said(0.2, 0.0, 1.0).startswith("No method agrees")
     assert "1 % (time gap) of it" in said(math.nan, 0.3, 1.002)
     assert "%" not in said(math.nan, 0.3, math.nan).partition("intervals")[2]
-    assert on_result.agreement((first,), first) == "", "nothing is compared"
+    assert on_result.agreement((first,), first) == ("", ""), "nothing is compared"
 
 
 def test_the_recommended_estimate_is_one_with_a_posterior() -> None:

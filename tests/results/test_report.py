@@ -68,8 +68,8 @@ def text_of(page: str) -> str:
 
 def test_the_page_has_its_sections_whatever_is_known(reader: Reader) -> None:
     bare = Reader(render_report(small(), UNCHECKED))
-    assert {*reader.within("h2")} - {*bare.within("h2")} == {"Methods compared"}
-    assert len(bare.within("h2")) == 7
+    assert {*reader.within("h2")} - {*bare.within("h2")} == {"Methods compared", "Note"}
+    assert len(bare.within("h2")) == 8
 
 
 def test_a_point_has_no_interval_and_says_so_where_a_posterior_has_them() -> None:
@@ -124,7 +124,7 @@ def test_without_curves_no_series_is_in_the_page() -> None:
     drawn = drawings(page)
     names = [drawing["name"] for drawing in drawn]
     assert not [name for name in names if name == "motion" or name.startswith("curves")]
-    assert {"bode", "loss"} <= {*names}
+    assert {"bode", "course"} <= {*names}
     traces = {str(trace.get("name")) for drawing in drawn for trace in drawing["data"]}
     assert not {"data", "network", SIMULATION, "disturbance"} & traces
     measured = recommended().segments[0].measured.gaps[:, 0].astype(np.float32)
@@ -162,7 +162,7 @@ def test_every_drawing_has_a_place_and_few_digits(page: str, reader: Reader) -> 
     drawn = drawings(page)
     places = [int(attributes["data-place"]) for attributes in reader.having("data-place")]
     assert places == list(range(len(drawn)))
-    assert [drawing["name"] for drawing in drawn][:3] == ["curves_1", "bode", "motion"]
+    assert [drawing["name"] for drawing in drawn][:3] == ["bode", "waves", "motion"]
     traces = [trace for drawing in drawn for trace in drawing["data"]]
     packed = [trace[axis] for trace in traces for axis in "xy" if isinstance(trace.get(axis), dict)]
     assert "f4" in {numbers["dtype"] for numbers in packed}
@@ -194,6 +194,23 @@ def test_what_was_checked_stands_beside_what_was_found(reader: Reader) -> None:
     assert "NO" in forged.within("td")
     for one, count in ((reader, 0), (forged, 1)):
         assert [attributes["class"] for attributes in one.having("class")].count("wrong") == count
+
+
+def test_the_first_page_says_how_it_was_verified() -> None:
+    checked = verify(small())
+    page = render_report(small(), checked)
+    first = page[: page.index("<main>")]
+    assert checked.mark in first
+    assert f"accpinn {checked.accpinn}, methods run again" in first
+    assert 'class="strip-row"' in first
+    assert first.count("data-place") == 2, "Bode magnitude and platoon"
+    unchecked = render_report(small(), verify(small(), refit_within=0.0))
+    assert "– Not verified: nothing was computed again" in unchecked[: page.index("<main>")]
+
+
+def test_a_cell_has_its_heading_where_a_table_is_a_list(reader: Reader) -> None:
+    titles = {a["data-title"] for a in reader.having("data-title")}
+    assert {"Parameters α [1/s²]", "Follower"} <= titles
 
 
 def test_pictures_show_the_data_the_curves_and_the_simulation() -> None:

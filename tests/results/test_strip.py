@@ -14,7 +14,9 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures.strip import REACH, axis_around, strip_html
 from accpinn.results.figures.style import vehicle_colours
+from accpinn.results.marks import EXTRAPOLATED, LEGEND, OUTSIDE
 from accpinn.results.strip import Strip, strip_of
+from accpinn.results.tables import Column, Marked, Table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study.result import Result
 from accpinn.units import Quantity
@@ -122,6 +124,28 @@ def test_an_axis_holds_values_and_all_but_far_too_wide_intervals() -> None:
         assert axis_around(nothing, 0.2).low < axis_around(nothing, 0.2).high
 
 
+def test_extrapolated_and_outside_an_interval_have_marks_of_their_own() -> None:
+    strip = strip_of(KnownVehicles(ASTAZERO))
+    first = strip.rows[0]
+    value = first.time_gap.quantity.value
+    shapes = []
+    for quantity, is_extrapolated in (
+        (Quantity(value, value - 0.1, value + 0.1), False),
+        (Quantity(value, value - 0.1, value + 0.1), True),
+        (Quantity(value, value + 0.1, value + 0.2), False),
+    ):
+        shown = replace(first.time_gap, quantity=quantity, is_extrapolated=is_extrapolated)
+        html = strip_html(replace(strip, rows=(replace(first, time_gap=shown),)))
+        shapes.append([word for word in ("ring", "square") if f'<s class="{word}"' in html])
+    assert shapes == [[], ["ring"], ["square"]]
+    column = Column("τ", "s", 2)
+    cells = Quantity(1.0, 1.1, 1.2), Marked(1.0, "extrapolated", EXTRAPOLATED.glyph)
+    table = Table.of("", [(column, cells)])
+    assert [column.shown(cell)[4] for cell in cells] == ["□", "○"]
+    assert {line[0] for line in table.legend} == {"□", "○"}
+    assert {OUTSIDE.glyph, EXTRAPOLATED.glyph} <= {word for word, _ in LEGEND}
+
+
 def test_the_markup_has_a_reason_for_every_point_and_mark_and_no_html_of_a_name() -> None:
     named = replace(ASTAZERO, labels=("<b>A</b>", *ASTAZERO.labels[1:]))
     html = strip_html(strip_of(KnownVehicles(named)))
@@ -129,7 +153,7 @@ def test_the_markup_has_a_reason_for_every_point_and_mark_and_no_html_of_a_name(
     assert "<b>A</b>" not in html
     assert "<b>A</b>" in " ".join(text for _, text in reader.texts)
     whys = reader.having("data-why")
-    assert len(whys) == 5 * 4
+    assert len(whys) == 5 * 4 + 4, "and what the marks of each column are"
     assert all(of["data-why"] and of["tabindex"] == "0" for of in whys)
     points = strip_html(strip(trained()))
     assert ("<u" in points, "<u" in strip_html(strip(recommended()))) == (False, True)

@@ -1,4 +1,4 @@
-"""Cutting windows: what comes out is even and complete, and its findings are what was done."""
+"""Cutting windows: a segment is even and complete, and its findings list all changes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.recordings import Window
-from accpinn.recordings.consistency import Inconsistency
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.segment import BlocksMissing, Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from accpinn.segment.cut import (
     DECIMALS,
@@ -64,7 +64,7 @@ def test_a_step_with_endless_digits_puts_no_window_off_its_samples(rate: int) ->
     segment = cut(recording(frame), start=90.0, duration=300.0)
     assert (segment.samples, segment.start) == (300 * rate + 1, 90.0)
     # Its gaps change as at 10 Hz, which is too fast for its speeds.
-    assert all(isinstance(found, Inconsistency) for found in segment.findings)
+    assert all(isinstance(finding, Inconsistency) for finding in segment.findings)
     assert segment.speeds[0, 0] == round(frame["Speed1"][90 * rate], DECIMALS)
 
 
@@ -78,7 +78,7 @@ def test_a_step_with_endless_digits_puts_no_window_off_its_samples(rate: int) ->
         (31.0, 20.0, "start at 29.9 s or earlier"),
     ],
 )
-def test_windows_that_are_none(start: float, duration: float, words: str) -> None:
+def test_impossible_windows_are_refused(start: float, duration: float, words: str) -> None:
     with pytest.raises(SegmentError, match=words) as caught:
         cut(recording(), start=start, duration=duration)
     assert str(caught.value).startswith(recording().source)
@@ -108,9 +108,9 @@ def test_uneven_steps_are_resampled_and_float_noise_is_left_alone() -> None:
 
 def test_rows_that_are_missing_are_bridged_as_empty_cells_are() -> None:
     full = platoon()
-    kept = np.sort(np.random.default_rng(2).choice(np.arange(1, 399), size=360, replace=False))
-    lost = sorted({*range(1, 399)} - {*kept.tolist()})
-    segment = cut(recording(full.iloc[[0, *kept, 399]]), start=2.0, duration=30.0)
+    present = np.sort(np.random.default_rng(2).choice(np.arange(1, 399), size=360, replace=False))
+    lost = sorted({*range(1, 399)} - {*present.tolist()})
+    segment = cut(recording(full.iloc[[0, *present, 399]]), start=2.0, duration=30.0)
     empty = full.copy()
     empty.loc[lost, [name for name in full if name != "Time"]] = np.nan
     assert segment == cut(recording(empty), start=2.0, duration=30.0)
@@ -136,7 +136,7 @@ def test_a_short_block_is_bridged_and_marked() -> None:
     assert segment.blocks_missing == ()
 
 
-def test_the_limit_of_bridging_is_what_it_says() -> None:
+def test_blocks_are_bridged_up_to_the_limit() -> None:
     ten, eleven = (recording(without(slice(100, last), "Speed2")) for last in (109, 110))
     assert cut(ten, duration=30.0).findings
     with pytest.raises(SegmentError, match="too long to bridge"):
@@ -169,7 +169,7 @@ def test_a_long_block_is_refused_unless_it_may_be_missing() -> None:
     assert made.counts.sum() == 2 * 350
 
 
-def test_at_the_edges_as_well() -> None:
+def test_blocks_at_the_edges_are_not_bridged() -> None:
     frame = without(slice(0, 2), "Speed1")
     with pytest.raises(SegmentError, match=r"no earlier sample helps; complete nearby: 0\.3–39\.9"):
         cut(recording(frame))
@@ -184,7 +184,7 @@ def test_at_the_edges_as_well() -> None:
     assert set(made.gaps[380:, 1]) == {frame["IVS2"].round(DECIMALS)[379]}
 
 
-def test_an_instant_between_samples_is_missing_with_either_and_none_is_none() -> None:
+def test_a_resampled_instant_is_missing_where_either_neighbour_is() -> None:
     others = recording(without(slice(0, 300), "Speed3", "IVS2"))
     made = cut(others, vehicles=(1, 2), duration=20.0, allow_missing=True)
     assert (made.missing, made.findings) == (None, ())
@@ -234,7 +234,7 @@ def test_possible_platoons_and_the_default(
         (range(1, 13), "11 followers are chosen and at most 10"),
     ],
 )
-def test_platoons_that_are_none(vehicles: tuple[int, ...], words: str) -> None:
+def test_vehicles_that_are_no_platoon_are_refused(vehicles: tuple[int, ...], words: str) -> None:
     gapless = recording(without(slice(None), "IVS2"))
     with pytest.raises(SegmentError, match=words) as caught:
         cut(gapless, vehicles=vehicles)
@@ -302,7 +302,7 @@ def test_the_digest_follows_content_only() -> None:
         {"vehicles": (1,), "names": ("A",)},
     ],
 )
-def test_a_segment_that_no_method_could_use(changes: dict[str, object]) -> None:
+def test_a_segment_of_unusable_arrays_is_refused(changes: dict[str, object]) -> None:
     with pytest.raises(SegmentError, match=r"made\.csv"):
         segment(**changes)
 

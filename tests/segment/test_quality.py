@@ -12,7 +12,7 @@ import pytest
 from accpinn import Case, Parameters, cut
 from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import FAST
-from accpinn.recordings import LittleLeaderMotion, Mode, Recording
+from accpinn.recordings import LittleLeaderMotion, Mode, Recording, ValuesFrozen, Window
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
 from accpinn.results.recording import MEANING, WORDS
@@ -33,7 +33,6 @@ from accpinn.segment.quality import (
     exclude_regimes,
     label_regimes,
     rate,
-    worst,
 )
 from accpinn.serial import dump, restore
 from tests.support import openacc_files
@@ -163,7 +162,44 @@ def test_each_fault_lowers_the_grade_of_its_own_question_alone() -> None:
     assert grades(replace(silent, acc_flag=0)) == {"driver": Grade.POOR}
     assert grades(replace(sound, gap=sound.gap - 60))["consistent"] is Grade.POOR, "negative"
     still = replace(sound, speed=np.full_like(sound.speed, 20.0), gap=np.full_like(sound.gap, 30.0))
-    assert grades(still) == {"excited": Grade.POOR, "consistent": Grade.UNKNOWN}
+    assert grades(still) == {
+        "complete": Grade.POOR,  # no sensor sends one value for long
+        "excited": Grade.POOR,
+        "consistent": Grade.UNKNOWN,
+    }
+
+
+def test_frozen_samples_are_not_measured_and_are_counted_as_the_finding_says() -> None:
+    sound = read(FOLDER / f"{NOISY}.csv")
+    speed = sound.speed.copy()
+    speed[1050:1061, 1] = speed[1050, 1]
+    speed[2500:2600, 1] = speed[2500, 1]  # outside the window
+    flawed = replace(sound, speed=speed)
+    complete = rated(flawed)["complete"]
+    (frozen,) = complete.findings
+    assert isinstance(frozen, ValuesFrozen)
+    assert (complete.grade, frozen.samples) == (Grade.FAIR, 10)
+    assert frozen.windows == (Window(105.0, 106.0),)
+    assert complete.figure == pytest.approx(1 - frozen.samples / 1001)
+    assert sum(f.samples for f in flawed.findings if isinstance(f, ValuesFrozen)) == 10 + 99
+    speed[1100:1200, 1] = speed[1100, 1]
+    assert rated(replace(sound, speed=speed))["complete"].grade is Grade.POOR
+    gap = sound.gap.copy()
+    gap[1055:1070] = np.nan
+    both = rated(replace(flawed, gap=gap), allow_missing=True)["complete"]
+    assert both.figure == pytest.approx(1 - len({*range(1051, 1061), *range(1055, 1070)}) / 1001)
+
+
+def test_each_answer_has_the_number_that_it_counts(astazero: Recording) -> None:
+    segment = cut(astazero, 320.0, 300.0)
+    quality = assess_quality(segment)
+    ratings = {rating.question: rating for rating in rate(segment, astazero, quality)}
+    complete = ratings["complete"]
+    assert complete.grade is Grade.FAIR, "values of three cars are frozen at times"
+    assert 0.97 < complete.figure < 0.99
+    assert ratings["excited"].figure == max(quality.condition)
+    assert ratings["following"].figure == min(quality.car_following)
+    assert 0.8 < ratings["consistent"].figure <= 1.0
 
 
 def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:
@@ -332,11 +368,3 @@ class TestExcluding:
         codes[95:, 1] = CATCHING_UP
         with pytest.raises(SegmentError, match=r"only 9\.5 s of 3 Car 3 remain"):
             exclude_regimes(disturbed(), Regimes(codes, (True, True)), ["catching up"])
-
-
-def test_windows_together_are_worth_what_the_worst_of_them_is() -> None:
-    good, fair, poor, unknown = ((Rating("complete", g), Rating("driver", g)) for g in Grade)
-    assert worst([good, fair]) == fair
-    assert worst([unknown, good]) == unknown
-    assert worst([unknown, fair]) == fair
-    assert worst([fair, (poor[0], good[1])]) == (poor[0], fair[1])

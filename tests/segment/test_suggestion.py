@@ -51,7 +51,7 @@ def suggested(recording: Recording, duration: float = 60.0) -> Suggestion | None
 
 @settings(max_examples=15)
 @given(first=st.integers(0, 400), seed=st.integers(0, 99), hole=st.integers(0, 560))
-def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
+def test_the_suggested_window_is_complete_of_usual_length_and_where_vehicles_move(
     first: int, seed: int, hole: int
 ) -> None:
     leader = lively(600, first, first + 160)
@@ -60,9 +60,9 @@ def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
     best = suggested(plain).window
     assert best.duration == 60.0
     assert best.start % GRID == 0
-    known = information(plain)
+    info = information(plain)
     windows = [Window(float(start), start + 60.0) for start in range(0, 240, 5)]
-    assert all(known.efficiency(one, best) <= 1 + 1e-9 for one in windows)
+    assert all(info.efficiency(window, best) <= 1 + 1e-9 for window in windows)
     assert best.start < STEP * (first + 160)
     assert best.end > STEP * first, "they touch"
 
@@ -77,13 +77,13 @@ def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
 def test_the_efficiency_is_that_of_the_windows_own_regressors() -> None:
     """Against the definition; doubling a periodic window doubles what it tells."""
     recording = driven(20 + 2 * np.sin(2 * np.pi / 60 * STEP * np.arange(1200)))
-    known = information(recording)
+    info = information(recording)
     window = Window(300.0, 360.0)
     segment = cut(recording, window.start, window.duration, (1, 2))
     p, v, dv = segment.gaps[:, 0], segment.speeds[:, 1], segment.speeds[:, 0] - segment.speeds[:, 1]
     x = np.column_stack([p, -v, dv])
-    assert known.log_det(window) == pytest.approx(np.linalg.slogdet(x.T @ x)[1], rel=1e-6)
-    assert known.efficiency(window, Window(300.0, 420.0)) == pytest.approx(0.5, abs=0.01)
+    assert info.log_det(window) == pytest.approx(np.linalg.slogdet(x.T @ x)[1], rel=1e-6)
+    assert info.efficiency(window, Window(300.0, 420.0)) == pytest.approx(0.5, abs=0.01)
 
 
 def test_driving_by_hand_and_catching_up_are_avoided_however_lively_they_are() -> None:
@@ -102,7 +102,7 @@ def test_driving_by_hand_and_catching_up_are_avoided_however_lively_they_are() -
     assert catching.manual is None, "this file has no driver modes"
 
 
-def test_what_is_too_short_is_the_longest_stretch_and_nothing_is_nothing() -> None:
+def test_without_a_long_stretch_the_longest_is_suggested_or_none() -> None:
     recording = driven(lively(300, 50, 250))
     short = suggested(recording, 300.0)
     assert short.shortened
@@ -114,16 +114,16 @@ def test_what_is_too_short_is_the_longest_stretch_and_nothing_is_nothing() -> No
     assert suggested(replace(recording, gap=holes)) is None
 
 
-def test_of_real_recordings(astazero: Recording, casale: Recording) -> None:
+def test_suggested_windows_of_real_recordings(astazero: Recording, casale: Recording) -> None:
     """The paper's AstaZero window is as good as the best; its Casale window catches up."""
     vehicles = (1, 2, 3, 4, 5)
-    known = information(astazero, vehicles)
-    found = suggest_window(astazero, vehicles, known)
-    assert found.window == Window(330.0, 630.0)
-    assert found.car_following == 1.0
-    efficiency = known.efficiency(Window(320.0, 620.0), found.window)
+    info = information(astazero, vehicles)
+    best = suggest_window(astazero, vehicles, info)
+    assert best.window == Window(330.0, 630.0)
+    assert best.car_following == 1.0
+    efficiency = info.efficiency(Window(320.0, 620.0), best.window)
     assert efficiency == pytest.approx(0.999, abs=0.001)
-    found = suggested(casale, 300.0)
-    assert found.window == Window(915.0, 1215.0)
-    assert found.car_following == pytest.approx(0.96, abs=0.005)
-    assert found.manual == 0.0
+    best = suggested(casale, 300.0)
+    assert best.window == Window(915.0, 1215.0)
+    assert best.car_following == pytest.approx(0.96, abs=0.005)
+    assert best.manual == 0.0

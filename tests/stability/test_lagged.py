@@ -201,3 +201,16 @@ def test_what_is_far_from_the_boundary_is_not_called_marginal(lag: float) -> Non
     assert (vehicle.linf_exact.stable, vehicle.linf_exact.marginal) == (True, False)
     (vehicle,) = stability_report(Parameters([0.1], [0.1], [1.0], lag=[lag])).vehicles
     assert (vehicle.linf_exact.stable, vehicle.linf_exact.marginal) == (False, False)
+
+
+def test_a_delay_may_amplify_without_gap_control() -> None:
+    """With α = 0 the loop is β e^(-ds)/s, which amplifies from βd = 1/2 and is unstable at π/2."""
+    delays = [0.0, 1.0, 2.0, 6.0]
+    report = stability_report(Parameters([0.0] * 4, 0.3, np.nan, delay=delays))
+    assert [vehicle.l2.stable for vehicle in report.vehicles] == [True, True, False, False]
+    gains = [vehicle.peak.gain for vehicle in report.vehicles]
+    assert gains[:2] == [1.0, 1.0]
+    assert 1.0 < gains[2] < np.inf == gains[3]
+    assert "no speed disturbance grows" not in reason(report.vehicles[2].l2, report.vehicles[2])
+    (silent,) = stability_report(Parameters([0.0], [0.0], [np.nan], delay=[1.0])).vehicles
+    assert (silent.l2.stable, silent.peak.gain, silent.linf_gain) == (True, 0.0, 0.0)

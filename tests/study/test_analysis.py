@@ -1,4 +1,4 @@
-"""What is asked: equal questions have one key, others another, and a wrong one a sentence."""
+"""An analysis: equal ones have one key, others another, and a wrong one a sentence."""
 
 import json
 from dataclasses import replace
@@ -31,7 +31,7 @@ ASKED = Analysis.of(
 )  # fmt: skip
 
 
-def asked(**changes: Any) -> Analysis:
+def make_analysis(**changes: Any) -> Analysis:
     """The same with other arguments."""
     usual: dict[str, Any] = {
         "windows": MINUTE, "vehicles": "1-3", "excluded": EXCLUDED, "method": "pinn",
@@ -44,11 +44,13 @@ def test_equal_questions_have_equal_keys(tmp_path: Path) -> None:
     renamed = tmp_path / "renamed.csv"
     renamed.write_bytes((FOLDER / "synthetic_astazero_like.csv").read_bytes())
     others = (
-        asked(recording=read(renamed)),
-        asked(windows=[Window(0.0, 60.0)], vehicles=(1, 2, 3), excluded="manual,catching-up"),
-        asked(vehicles=np.arange(1, 4), excluded=["manual"] * 2 + ["catching up"]),
-        asked(settings=preset("fast").to_json(), fixed={"s0": 4}),
-        asked(settings={"preset": "fast"} | preset("fast").to_json()),
+        make_analysis(recording=read(renamed)),
+        make_analysis(
+            windows=[Window(0.0, 60.0)], vehicles=(1, 2, 3), excluded="manual,catching-up"
+        ),
+        make_analysis(vehicles=np.arange(1, 4), excluded=["manual"] * 2 + ["catching up"]),
+        make_analysis(settings=preset("fast").to_json(), fixed={"s0": 4}),
+        make_analysis(settings={"preset": "fast"} | preset("fast").to_json()),
         restore(Analysis, json.loads(json.dumps(dump(ASKED)[0])), {}),
     )
     assert {other.key for other in others} == {ASKED.key}
@@ -69,12 +71,12 @@ def changed(leaf: Any) -> Any:
 @given(st.data())
 def test_whatever_determines_the_estimate_changes_the_key(data: st.DataObject) -> None:
     tree = dump(ASKED)[0]
-    told = {"source.name", "source.sha256", "source.trajectory", "source.mapping"}
+    paths = {"source.name", "source.sha256", "source.trajectory", "source.mapping"}
     places = list(flatten(tree))
     place, leaf = data.draw(st.sampled_from(places))
     put(tree, place.split("."), OTHERS.get(place, changed(leaf)))
     other = restore(Analysis, tree, {})
-    assert (other.key == ASKED.key) == (place in told)
+    assert (other.key == ASKED.key) == (place in paths)
 
 
 def test_a_methods_version_changes_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,10 +99,10 @@ def test_a_longer_training_goes_on_from_a_shorter_ones_checkpoint() -> None:
 def test_differences_name_what_was_asked_otherwise() -> None:
     assert differences(ASKED, ASKED) == ()
     moved = replace(ASKED, windows=(Window(40.0, 340.0),), case="I", excluded=())
-    said = differences(ASKED, moved)
-    assert "case: II → I" in said
-    assert "window: 0–60 s → 40–340 s" in said
-    assert any(one.startswith("excluded") and one.endswith("nothing") for one in said)
+    listed = differences(ASKED, moved)
+    assert "case: II → I" in listed
+    assert "window: 0–60 s → 40–340 s" in listed
+    assert any(text.startswith("excluded") and text.endswith("nothing") for text in listed)
     assert differences(ASKED, ASKED.with_method("pinn", preset("fast", seed=3))) == ("seed: 0 → 3",)
     (model,) = differences(ASKED, replace(ASKED, spec=ModelSpec("idm")))
     assert model.startswith("model: ")
@@ -126,28 +128,30 @@ def test_differences_name_what_was_asked_otherwise() -> None:
     ids=str,
 )
 def test_what_is_not_named_is_recommended(given: dict[str, Any], method: str, model: str) -> None:
-    found = Analysis.of(platoon(), **given)
-    assert (found.method, found.spec) == (method, ModelSpec(model))
+    analysis = Analysis.of(platoon(), **given)
+    assert (analysis.method, analysis.spec) == (method, ModelSpec(model))
     settings = given.get("settings") or METHODS[method].settings
-    assert found.settings.get("preset") == (settings and getattr(settings, "preset", "calibrated"))
-    assert found.windows == (Window(0.0, 300.0),)
-    assert found.has_posterior == (found.settings.get("preset") == "calibrated"
+    assert analysis.settings.get("preset") == (
+        settings and getattr(settings, "preset", "calibrated")
+    )
+    assert analysis.windows == (Window(0.0, 300.0),)
+    assert analysis.has_posterior == (analysis.settings.get("preset") == "calibrated"
                                    or method == "simulation")  # fmt: skip
 
 
 def test_a_usual_model_becomes_that_of_another_method() -> None:
-    asked = Analysis.of(platoon())
-    fast = asked.with_method(*VARIANTS["pinn-fast"])
-    assert (asked.spec.model, fast.spec.model) == ("cthp-s0-delay", "cthp")
-    assert fast.with_method("pinn", CALIBRATED).spec == asked.spec
-    assert asked.with_method("simulation").spec == asked.spec
-    lag = replace(asked, spec=ModelSpec("cthp-s0-lag"))
+    analysis = Analysis.of(platoon())
+    fast = analysis.with_method(*VARIANTS["pinn-fast"])
+    assert (analysis.spec.model, fast.spec.model) == ("cthp-s0-delay", "cthp")
+    assert fast.with_method("pinn", CALIBRATED).spec == analysis.spec
+    assert analysis.with_method("simulation").spec == analysis.spec
+    lag = replace(analysis, spec=ModelSpec("cthp-s0-lag"))
     assert lag.with_method(*VARIANTS["pinn-fast"]).spec == lag.spec, "as it was chosen"
     assert lag.with_method("least-squares").spec == ModelSpec("cthp"), "as it cannot have it"
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("arguments", "words"),
     [
         ({"source": None}, "recording"),
         ({"case": "III"}, "choose I or II"),
@@ -180,8 +184,8 @@ def test_a_usual_model_becomes_that_of_another_method() -> None:
     ],
     ids=str,
 )
-def test_an_argument_out_of_range_is_named(asked: dict[str, Any], words: str) -> None:
+def test_an_argument_out_of_range_is_named(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(AccpinnError, match=words) as fault:
-        fit(**{"source": FOLDER / f"{NOISY}.csv", "method": "splines"} | asked)
+        fit(**{"source": FOLDER / f"{NOISY}.csv", "method": "splines"} | arguments)
     assert str(fault.value).endswith(".")
     assert "\n" not in str(fault.value)

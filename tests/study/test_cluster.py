@@ -18,12 +18,12 @@ def listening() -> list[int]:
     return [c.laddr.port for p in below for c in p.net_connections() if c.status == "LISTEN"]
 
 
-def answer(port: int, asked: bytes, context: ssl.SSLContext | None = None) -> bytes:
-    """What a port says to a stranger; empty where it ends the connection."""
+def answer(port: int, request: bytes, context: ssl.SSLContext | None = None) -> bytes:
+    """The reply of a port to a stranger; empty where it ends the connection."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=0.5) as plain:
             with context.wrap_socket(plain) if context else plain as channel:
-                channel.sendall(asked)
+                channel.sendall(request)
                 return channel.recv(1000)
     except OSError:  # an SSLError is one, too
         return b""
@@ -41,10 +41,10 @@ def test_no_port_of_a_batch_does_anything_for_who_has_not_its_certificate() -> N
         assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
         assert {int(address.rpartition(":")[2]) for address in addresses} <= set(ports)
         for port in ports:
-            for asked in (b"GET /info/main/workers.html HTTP/1.0\r\n\r\n",
+            for request in (b"GET /info/main/workers.html HTTP/1.0\r\n\r\n",
                           b"GET /metrics HTTP/1.0\r\n\r\n"):  # fmt: skip
-                said = answer(port, asked)
-                assert not said or b" 404 " in said, (port, said)
+                reply = answer(port, request)
+                assert not reply or b" 404 " in reply, (port, reply)
             assert answer(port, b"GET / HTTP/1.0\r\n\r\n", anyone) == b""
         host = addresses[0].removeprefix("tls://")
         with pytest.raises((OSError, TypeError)):

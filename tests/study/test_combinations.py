@@ -93,8 +93,8 @@ def chosen(name: str, model: str) -> dict[str, Any]:
     given: dict[str, Any] = {"method": method, "preset": config.preset if config else None}
     if name == "pinn-paper":
         first = truth(model, "I")[0].tolist()
-        own = [] if FOLLOWING[model].is_linear else [1, 1, 1, 0, 0, 0, *first]
-        given["settings"] = {"iterations": 20, "initial": own or first[:3]}
+        nonlinear = [] if FOLLOWING[model].is_linear else [1, 1, 1, 0, 0, 0, *first]
+        given["settings"] = {"iterations": 20, "initial": nonlinear or first[:3]}
     return given
 
 
@@ -117,22 +117,26 @@ def test_an_estimate_is_of_what_was_asked_for_and_near_the_truth(
 ) -> None:
     segments, fixed = windows(model, case, count), fixed_value(model) if is_fixed else {}
     result = fit(segments, case=case, model=model, fixed=fixed, **chosen(name, model))
-    found = result.estimate
-    assert (found.spec, found.case) == (ModelSpec.of(model, fixed), case)
-    assert (found.method, found.settings.get("preset")) == tuple(chosen(name, model).values())[:2]
+    estimate = result.estimate
+    assert (estimate.spec, estimate.case) == (ModelSpec.of(model, fixed), case)
+    assert (estimate.method, estimate.settings.get("preset")) == tuple(
+        chosen(name, model).values()
+    )[:2]
     assert [info.window for info in result.infos] == [segment.window for segment in segments]
-    assert len(found.curves) in (0, count)
+    assert len(estimate.curves) in (0, count)
     for parameter, value in fixed.items():
-        np.testing.assert_allclose(found.values(found.parameters, parameter), value, rtol=1e-12)
+        np.testing.assert_allclose(
+            estimate.values(estimate.parameters, parameter), value, rtol=1e-12
+        )
     for k, theta in enumerate(truth(model, case)):
-        speed = float(found.speeds[k])
+        speed = float(estimate.speeds[k])
         near = FOLLOWING[model].linearised(theta, speed)
         gap = float(FOLLOWING[model].equilibrium_gaps(theta, speed)) / speed
-        values = [span.value for span in found.gains_and_gap(k)]
+        values = [span.value for span in estimate.gains_and_gap(k)]
         off = np.abs(np.array(values) / [near.alpha, near.beta, gap] - 1.0)
         assert (off <= NEAR.get(name, NEAR_OTHERS)).all(), off
-    own = [found.values(found.parameters, name) for name in found.names]
-    assert case == "II" or all(first == second for first, second in own)
+    values = [estimate.values(estimate.parameters, name) for name in estimate.names]
+    assert case == "II" or all(first == second for first, second in values)
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -143,11 +147,11 @@ def test_what_a_method_cannot_estimate_is_refused_in_a_sentence_that_names_what_
     for model in FOLLOWING.keys() - set(able(name)):
         with pytest.raises(ConfigError) as refusal:
             fit(segments, model=model, **chosen(name, model))
-        said = str(refusal.value)
-        assert f"cannot estimate {model};" in said
-        assert f"For {model} choose the method simulation" in said
+        sentence = str(refusal.value)
+        assert f"cannot estimate {model};" in sentence
+        assert f"For {model} choose the method simulation" in sentence
         assert model in able("simulation")
-        assert said.count(". ") == 1, "what is wrong, and what can"
+        assert sentence.count(". ") == 1, "what is wrong, and what can"
     for model in able(name):
         with pytest.raises(ConfigError, match=rf"fixed: .* cannot be fixed; {model} has "):
             analyse(segments, model=model, fixed={"nothing": 1.0}, **chosen(name, model))

@@ -94,7 +94,7 @@ def test_the_command_has_the_document_of_the_contract_and_the_method_that_refuse
     refusing = "recursive"
     monkeypatch.setitem(METHODS, refusing, replace(METHODS[refusing], run=fail))
     names = f"{refusing},least-squares,splines,pinn"
-    found = document(capsys, *SHORT, names, "--no-cache")
+    found = document(capsys, *SHORT, names)
     assert isinstance(found["warnings"], list)
     assert [form["form"] for form in found["forms"]] == list(FORMS)
     shown = {"alpha", "tau", "aic", "log_likelihood_ratio", "holdout"}

@@ -53,22 +53,22 @@ def test_every_place_has_the_parameters_of_the_method(
     assert result.parameters is result.estimate.parameters
     expected = result.parameters.complete[0]
     path = save(result, tmp_path / "a.accpinn.zip")
-    kept = load(path)
+    loaded = load(path)
     options = [f"--{option}={value}" for option, value in chosen(name).items()]
     options += [f"--iterations={QUICK[name]}"] if name in QUICK else []
     fitted = document(capsys, "fit", STUDY, "--start", 10, "--duration", 40, *options)
     vehicle = document(capsys, "stability", path)["vehicles"][0]
     names = ("alpha", "beta", "tau")
     places = {
-        "snapshot": kept.parameters.complete[0],
+        "snapshot": loaded.parameters.complete[0],
         "stability of the snapshot": [vehicle[key] for key in (*names, "s0", "lag", "delay")],
-        "stability in Python": kept.stability.vehicles[0].parameters.complete,
+        "stability in Python": loaded.stability.vehicles[0].parameters.complete,
         "fit": [*(fitted["parameters"][0][key] for key in names), 0.0, 0.0, 0.0],
-        "card": [*(parameter_card(kept)["vehicles"][0][key]["value"] for key in names), 0, 0, 0],
+        "card": [*(parameter_card(loaded)["vehicles"][0][key]["value"] for key in names), 0, 0, 0],
     }
-    for place, found in places.items():
-        np.testing.assert_allclose(np.asarray(found), expected, rtol=1e-9, err_msg=place)
-    assert kept.stability == stability_report(result.parameters)
+    for place, shown in places.items():
+        np.testing.assert_allclose(np.asarray(shown), expected, rtol=1e-9, err_msg=place)
+    assert loaded.stability == stability_report(result.parameters)
     swung = document(capsys, "simulate", path, "--vehicles", 2, "--duration", 100)
     run = simulate_platoon(result.parameters[[0, 0]], Sinusoid(duration=100))
     assert swung["predicted_amplitude"] == pytest.approx(run.amplitudes.predicted.tolist())
@@ -77,11 +77,11 @@ def test_every_place_has_the_parameters_of_the_method(
 
 
 def test_the_point_is_the_joint_maximum_of_all_windows() -> None:
-    found, segments = two_windows().estimate, two_windows().segments
-    (maximum,) = joint_maxima(segments, "II", found.spec)
-    np.testing.assert_allclose(found.parameters.complete[0], maximum.complete, rtol=1e-3)
-    alone = [joint_maxima((segment,), "II", found.spec)[0].complete for segment in segments]
-    np.testing.assert_allclose(found.windows.complete[:, 0], alone, rtol=1e-9)
+    estimate, segments = two_windows().estimate, two_windows().segments
+    (maximum,) = joint_maxima(segments, "II", estimate.spec)
+    np.testing.assert_allclose(estimate.parameters.complete[0], maximum.complete, rtol=1e-3)
+    alone = [joint_maxima((segment,), "II", estimate.spec)[0].complete for segment in segments]
+    np.testing.assert_allclose(estimate.windows.complete[:, 0], alone, rtol=1e-9)
     assert (abs(np.mean(alone, axis=0) - maximum.complete) > 1e-3).any(), "no mean of theirs"
 
 
@@ -90,13 +90,13 @@ def test_the_point_of_a_nonlinear_model_is_the_best_drive_of_all_windows() -> No
     drive = driven(duration=80.0, noise=0.05)
     segments, model = (drive.part(0, 401), drive.part(401, drive.samples)), FOLLOWING["idm"]
     (best,) = optima(model, Drives.of(segments, model), [[0, 1]])
-    found = point(segments, model="idm")
-    np.testing.assert_array_equal(found.parameters.own[0], best.theta)
+    without_draws = point(segments, model="idm")
+    np.testing.assert_array_equal(without_draws.parameters.nonlinear[0], best.theta)
     for level in (0.5, 0.99):
-        known = estimated(segments, model="idm", level=level)
-        assert known.parameters == found.parameters
-        assert known.posterior.level == level
-    assert known.windows.own.shape == (2, 1, 5)
+        estimate = estimated(segments, model="idm", level=level)
+        assert estimate.parameters == without_draws.parameters
+        assert estimate.posterior.level == level
+    assert estimate.windows.nonlinear.shape == (2, 1, 5)
 
 
 @pytest.fixture
@@ -111,25 +111,28 @@ def test_a_row_of_a_batch_is_the_run_of_its_window(
     capsys: Capture, tmp_path: Path, cluster: str, drive: Path
 ) -> None:
     out, methods = tmp_path / "study", ("pinn", "simulation", "least-squares")
-    asked = ("--methods", ",".join(methods), "--scheduler", cluster)
-    document(capsys, "batch", drive, "--out", out, "--window", 130, "--model", "cthp-s0", *asked)
+    options = ("--methods", ",".join(methods), "--scheduler", cluster)
+    document(capsys, "batch", drive, "--out", out, "--window", 130, "--model", "cthp-s0", *options)
     rows = pd.read_parquet(out / "results.parquet")
     assert set(rows["method"]) == set(methods)
     for method, row in rows.set_index("method").iterrows():
         spec = {"method": method, "model": "cthp-s0"}
         result = fit(drive, start=row["start"], duration=row["duration"], **spec)
-        found, known = result.estimate, result.uncertainty
-        assert row["following_model"] == found.model
+        estimate, uncertainty = result.estimate, result.uncertainty
+        assert row["following_model"] == estimate.model
         for name in ("alpha", "beta", "tau", "s0"):
-            assert row[name] == getattr(found.parameters, name)[0], (method, name)
+            assert row[name] == getattr(estimate.parameters, name)[0], (method, name)
         assert pd.isna(row["delay"])
         ends = [row[f"{name}_{end}"] for end in ("low", "high") for name in ("alpha", "tau")]
-        if known is None:
+        if uncertainty is None:
             assert pd.isna([*ends, row["p_l2_stable"], row["level"]]).all()
             continue
-        lower, upper = known.lower[0], known.upper[0]
+        lower, upper = uncertainty.lower[0], uncertainty.upper[0]
         assert ends == [lower.alpha, lower.tau, upper.alpha, upper.tau]
-        assert (row["p_l2_stable"], row["level"]) == (known.probability_l2[0], known.level)
+        assert (row["p_l2_stable"], row["level"]) == (
+            uncertainty.probability_l2[0],
+            uncertainty.level,
+        )
     fields = parquet.read_schema(out / "results.parquet")
     for parameter in FOLLOWING["cthp-s0-delay"].parameters:
         unit = fields.field(parameter.name).metadata[b"unit"].decode()
@@ -140,15 +143,15 @@ def test_a_table_of_a_database_has_the_intervals_of_all_windows_together(
     capsys: Capture, tmp_path: Path, cluster: str, drive: Path
 ) -> None:
     out, model = tmp_path / "study", "cthp-s0"
-    asked = ("--methods", "pinn,least-squares", "--scheduler", cluster, "--model", model)
-    document(capsys, "batch", drive, "--out", out, "--window", 65, *asked)
+    options = ("--methods", "pinn,least-squares", "--scheduler", cluster, "--model", model)
+    document(capsys, "batch", drive, "--out", out, "--window", 65, *options)
     (group,) = document(capsys, "table", out)["groups"]
     windows = ("--windows", "all", "--duration", 65, "--model", model)
-    (said,) = document(capsys, "fit", drive, *windows)["answer"]
-    assert group["windows"] == said["windows"] == 2
+    (answer,) = document(capsys, "fit", drive, *windows)["answer"]
+    assert group["windows"] == answer["windows"] == 2
     for name in ("intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():
-            assert value == pytest.approx(said[name][key], rel=1e-6), (name, key)
+            assert value == pytest.approx(answer[name][key], rel=1e-6), (name, key)
     assert tuple(group["parameters"]) == FOLLOWING[model].names
     spread = group["between_windows"]
     assert all(0.0 < part["low"] < part["value"] < part["high"] for part in spread.values())
@@ -172,8 +175,8 @@ def test_the_tree_has_the_posterior_and_each_window(result: Result) -> None:
     windows = tree["window_posterior"]
     assert dict(windows.sizes) == {"chain": 1, "draw": 400, "window": 2, "vehicle": 2}
     assert windows["window"].values.tolist() == [0, 100]
-    own = windows["tau"].mean(("chain", "draw")).values
-    np.testing.assert_allclose(own, result.estimate.windows.tau, rtol=0.1)
+    by_window = windows["tau"].mean(("chain", "draw")).values
+    np.testing.assert_allclose(by_window, result.estimate.windows.tau, rtol=0.1)
     assert typical["tau"].attrs == {"units": "s"}
 
 

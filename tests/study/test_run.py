@@ -11,6 +11,7 @@ from accpinn.errors import AccpinnError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import CacheProblem, Estimate, Outcome, Progress
+from accpinn.methods.forecast import CURVES, INTERVALS, PARAMETERS, VARIATION
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -37,17 +38,19 @@ def recording() -> Recording:
     return read(FOLDER / f"{NOISY}.csv")
 
 
-def asked(recording: Recording, method: str = "splines", **changes: Any) -> Analysis:
+def make_analysis(recording: Recording, method: str = "splines", **changes: Any) -> Analysis:
     windows = changes.pop("windows", [Window(0.0, 60.0)])
     return Analysis.of(recording, windows, method=method, **changes)
 
 
 def problems(result: Result) -> list[str]:
-    return [one.problem for one in result.estimate.findings if isinstance(one, CacheProblem)]
+    return [
+        finding.problem for finding in result.estimate.findings if isinstance(finding, CacheProblem)
+    ]
 
 
 class Watched:
-    """What whoever watches a run is told, in order."""
+    """An observer of a run that keeps what it is told, in order."""
 
     def __init__(self, stop: str = "", after: int = 0) -> None:
         """Stop it after so many further moments of a phase."""
@@ -69,7 +72,7 @@ class TestStore:
     def test_the_second_time_it_comes_from_the_store(
         self, recording: Recording, store: Store, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        question = asked(recording, "pinn", windows=TWO)
+        question = make_analysis(recording, "pinn", windows=TWO)
         first = run(question, recording, store=store)
         monkeypatch.setitem(METHODS, "pinn", replace(METHODS["pinn"], run=None))
         monkeypatch.setattr(module, "with_posterior", None)
@@ -80,16 +83,16 @@ class TestStore:
         assert (again.created, again.recording is recording) == (first.created, True)
         assert problems(again) == []
         with pytest.raises(TypeError):  # another question
-            run(asked(recording, "pinn", model="cthp"), recording, store=store)
+            run(make_analysis(recording, "pinn", model="cthp"), recording, store=store)
 
     @pytest.mark.parametrize("content", ["damaged", "truncated", "foreign", "newer", "another"])
     def test_a_file_that_cannot_be_used_is_said_once_and_computed_again(
         self, recording: Recording, store: Store, content: str
     ) -> None:
-        first = run(asked(recording), recording, store=store)
+        first = run(make_analysis(recording), recording, store=store)
         path = store.path(first.analysis.key)
         data = path.read_bytes()
-        other = run(asked(recording, "least-squares"), recording, store=store)
+        other = run(make_analysis(recording, "least-squares"), recording, store=store)
         path.write_bytes({
             "damaged": data[:500] + bytes([data[500] ^ 255]) + data[501:],
             "truncated": data[:300],
@@ -97,31 +100,35 @@ class TestStore:
             "newer": resealed(lambda *_: None, data, SCHEMA + 1),
             "another": store.path(other.analysis.key).read_bytes(),
         }[content])  # fmt: skip
-        again = run(asked(recording), recording, store=store)
-        (said,) = problems(again)
-        assert path.name in said
-        assert "\n" not in said
+        again = run(make_analysis(recording), recording, store=store)
+        (problem,) = problems(again)
+        assert path.name in problem
+        assert "\n" not in problem
         assert again.parameters == first.parameters
-        assert problems(run(asked(recording), recording, store=store)) == []
+        assert problems(run(make_analysis(recording), recording, store=store)) == []
 
 
 class TestCourse:
     def test_the_point_is_told_before_its_intervals(self, recording: Recording) -> None:
         watched = Watched()
-        result = run(asked(recording, "pinn", windows=TWO), recording, context=watched.context)
+        result = run(
+            make_analysis(recording, "pinn", windows=TWO), recording, context=watched.context
+        )
         first, told = [what for what in watched.seen if isinstance(what, Estimate)]
         at = watched.seen.index(told)
-        phases = watched.seen[: at - 1]
-        assert set(phases) == {"parameters"}
-        assert watched.seen[at + 1 :] == ["intervals"] * 3, "before, and after each window"
+        phases = [phase for phase in watched.seen if phase == PARAMETERS]
+        assert watched.seen[: at - 2] == phases
+        assert watched.seen[at - 2 : at] == [first, CURVES]
+        assert watched.seen[at + 1 :] == [*[INTERVALS] * 3, VARIATION], "by window and follower"
         assert (len(first.curves), len(told.curves)) == (0, 2), "at first without its curves"
         for one in (first, told):
             assert (one.posterior, one.windows, one.outcome) == (None, None, Outcome.CONVERGED)
             assert one.parameters == result.parameters
         assert result.estimate.seconds > told.seconds
-        assert [moment.iteration for moment in watched.moments[-3:]] == [0, 1, 2]
-        assert watched.moments[-1].iterations == 2
-        assert watched.moments[-1].left == 0.0
+        intervals = [moment for moment in watched.moments if moment.phase == INTERVALS]
+        assert [moment.iteration for moment in intervals] == [0, 1, 2]
+        assert {moment.iterations for moment in intervals} == {2}
+        assert all(moment.left > 0.0 for moment in watched.moments), "there is always a next phase"
         assert watched.moments[-1].parameters == result.history.parameters[-1]
         assert len(result.history.iteration) == len(phases), "the point's alone"
         assert result.posterior.windows_lower.values.shape == (2, 1, 3)
@@ -129,11 +136,13 @@ class TestCourse:
     def test_a_point_without_posterior_is_told_at_its_end(self, recording: Recording) -> None:
         watched = Watched()
         quick = preset("fast", iterations=20)
-        result = run(asked(recording, "pinn", settings=quick), recording, context=watched.context)
+        result = run(
+            make_analysis(recording, "pinn", settings=quick), recording, context=watched.context
+        )
         assert "intervals" not in watched.seen
-        told = watched.seen[-1]
-        assert isinstance(told, Estimate)
-        assert bits(told.parameters) == bits(result.parameters)
+        last = watched.seen[-1]
+        assert isinstance(last, Estimate)
+        assert bits(last.parameters) == bits(result.parameters)
         assert (result.posterior, result.uncertainty, result.gap_band) == (None, None, None)
         assert (result.gain_checks, result.weaknesses) == ((), ())
         assert result.trust[0].same is None
@@ -142,10 +151,17 @@ class TestCourse:
     def test_stopped_during_intervals_the_point_is_left_and_not_kept(
         self, recording: Recording, store: Store, after: int
     ) -> None:
-        question, watched = asked(recording, "pinn", windows=TWO), Watched("intervals", after)
+        question, watched = (
+            make_analysis(recording, "pinn", windows=TWO),
+            Watched("intervals", after),
+        )
         stopped = run(question, recording, store=store, context=watched.context)
-        found = stopped.estimate
-        assert (found.outcome, found.posterior, found.windows) == (Outcome.STOPPED, None, None)
+        estimate = stopped.estimate
+        assert (estimate.outcome, estimate.posterior, estimate.windows) == (
+            Outcome.STOPPED,
+            None,
+            None,
+        )
         assert not stopped.is_finished
         assert store.find(question) is None
         whole = run(question, recording, store=store)
@@ -156,7 +172,7 @@ class TestCourse:
     def test_stopped_before_there_are_no_intervals(
         self, recording: Recording, store: Store
     ) -> None:
-        question, watched = asked(recording, "pinn"), Watched("parameters", 2)
+        question, watched = make_analysis(recording, "pinn"), Watched("parameters", 2)
         stopped = run(question, recording, store=store, context=watched.context)
         assert (stopped.estimate.outcome, stopped.posterior) == (Outcome.STOPPED, None)
         assert "intervals" not in watched.seen
@@ -165,11 +181,11 @@ class TestCourse:
 
 class TestWindows:
     def test_several_share_one_estimate(self, recording: Recording, store: Store) -> None:
-        question = asked(recording, "pinn", windows=TWO)
+        question = make_analysis(recording, "pinn", windows=TWO)
         joint = run(question, recording, store=store)
         again = run(question, recording, store=store)
         assert again.estimate.cached
-        assert [one.start for one in again.segments] == [0.0, 60.0]
+        assert [segment.start for segment in again.segments] == [0.0, 60.0]
         alone = run(replace(question, windows=(TWO[1],)), recording)
         assert again.qualities[1].condition == alone.quality.condition
         np.testing.assert_allclose(joint.estimate.windows.values[1], alone.parameters.values, 1e-3)
@@ -188,10 +204,10 @@ class TestWindows:
     def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
         whole = driven(((0.10, -0.04, 1.8),), duration=100.0, noise=0.05)
         windows = whole.part(0, 501), whole.part(501, whole.samples)
-        found = fit(windows, model="cthp").estimate
-        assert found.parameters.beta[0] == 0.0
-        assert found.active_bounds == (("β",),)
-        assert found.unconstrained.beta[0] == pytest.approx(-0.04, abs=0.02)
+        estimate = fit(windows, model="cthp").estimate
+        assert estimate.parameters.beta[0] == 0.0
+        assert estimate.active_bounds == (("β",),)
+        assert estimate.unconstrained.beta[0] == pytest.approx(-0.04, abs=0.02)
 
     def test_together_they_are_nearer_the_truth_than_each_alone(self) -> None:
         """Four recordings, so that no two share samples."""
@@ -203,7 +219,7 @@ class TestWindows:
 
         joint = point(windows, model="cthp").parameters
         alone = [point(window, model="cthp").parameters for window in windows]
-        assert off(joint) < 0.7 * np.mean([off(one) for one in alone])
+        assert off(joint) < 0.7 * np.mean([off(result) for result in alone])
 
 
 def recorded(start: float, **changes: object) -> Segment:
@@ -231,13 +247,13 @@ def test_segments_that_cannot_share_an_estimate(
 
 
 def test_steps_may_differ_where_no_likelihood_is_shared() -> None:
-    found = fit([recorded(0.0), driven(step=0.2)], method="least-squares")
-    np.testing.assert_allclose(found.parameters.values[0], [0.08, 0.12, 1.5], rtol=5e-3)
+    result = fit([recorded(0.0), driven(step=0.2)], method="least-squares")
+    np.testing.assert_allclose(result.parameters.values[0], [0.08, 0.12, 1.5], rtol=5e-3)
 
 
 class TestResult:
     def test_data_of_another_recording_or_window_are_refused(self, recording: Recording) -> None:
-        result = run(asked(recording), recording)
+        result = run(make_analysis(recording), recording)
         with pytest.raises(SegmentError, match="not the recording"):
             whole().with_data(recording)
         with pytest.raises(SegmentError, match="the window cut from it differs"):
@@ -267,5 +283,5 @@ class TestResult:
         assert result.uncertainty.level == result.estimate.level
         band = result.gap_band
         assert band.lower.shape == band.upper.shape == (len(band.time), 1)
-        assert [one.vehicle for one in result.gain_checks] == [2]
+        assert [gain_check.vehicle for gain_check in result.gain_checks] == [2]
         assert (result.trust[0].windows, result.trust[0].same in range(3)) == (2, True)

@@ -62,9 +62,9 @@ class TestStore:
         result = replace(two_windows(), note="kept")
         assert store.find(result.analysis, pytest.fail) is None
         store.keep(result, pytest.fail)
-        kept = store.find(result.analysis, pytest.fail)
-        assert bits(replace(kept, digest="")) == bits(result), "with its data"
-        assert bits(store.read(result.analysis.key)) == bits(kept)
+        stored = store.find(result.analysis, pytest.fail)
+        assert bits(replace(stored, digest="")) == bits(result), "with its data"
+        assert bits(store.read(result.analysis.key)) == bits(stored)
         assert store.find(numbered(1, result).analysis) is None
 
     def test_all_results_can_be_searched_by_words(self, store: Store) -> None:
@@ -79,7 +79,7 @@ class TestStore:
         assert (entry.id, entry.preset) == (numbered(1, whole()).analysis.key, "fast")
         assert entry.parameters[0] == tuple(whole().parameters.values[0])
         assert entry.vehicles == whole().info.labels
-        assert (entry.lower, entry.upper, np.isnan(entry.time_gap.lower)) == ((), (), True)
+        assert (entry.lower, entry.upper, np.isnan(entry.time_gaps[0].lower)) == ((), (), True)
 
     def test_an_entry_has_the_intervals_of_an_estimate_that_has_some(self, store: Store) -> None:
         result = two_windows()
@@ -87,7 +87,7 @@ class TestStore:
         (entry,) = store.entries()
         assert entry.lower[0] < entry.parameters[0] < entry.upper[0]
         gap = result.estimate.time_gap(result.estimate.stated_speed, 0)
-        assert (entry.time_gap.value, entry.time_gap.lower) == (gap.value, gap.lower)
+        assert (entry.time_gaps[0].value, entry.time_gaps[0].lower) == (gap.value, gap.lower)
         assert (entry.model, entry.preset) == ("cthp-s0-delay", "calibrated")
         assert entry.window == "0–29.5 s, 30–60 s"
 
@@ -212,11 +212,11 @@ class TestStore:
         self, store: Store, monkeypatch: pytest.MonkeyPatch, number: int
     ) -> None:
         store.keep(small())
-        said: list[str] = []
+        sentences: list[str] = []
         with monkeypatch.context() as patch:
             patch.setattr(Path, "read_bytes", failing(OSError(number, os.strerror(number))))
-            assert store.find(small().analysis, said.append) is None
-        assert os.strerror(number) in said[0]
+            assert store.find(small().analysis, sentences.append) is None
+        assert os.strerror(number) in sentences[0]
         assert store.find(small().analysis, pytest.fail) is not None
 
     def test_what_was_not_used_for_the_longest_time_makes_room(self, store: Store) -> None:
@@ -262,8 +262,8 @@ class TestCheckpoints:
         checkpoints = store.checkpoints(TRAINING, pytest.fail)
         assert checkpoints.load(10) is None
         checkpoints.save(state(5))
-        kept = checkpoints.load(10)
-        np.testing.assert_array_equal(kept["weights"], state()["weights"])
+        loaded = checkpoints.load(10)
+        np.testing.assert_array_equal(loaded["weights"], state()["weights"])
         assert store.checkpoints(TRAINING).load(4) is None, "a longer training's"
         assert store.stopped_at(TRAINING) == 5
         checkpoints.drop()
@@ -291,19 +291,19 @@ class TestCheckpoints:
         if isinstance(content, bytes):
             path.write_bytes(content)
         assert store.checkpoints(TRAINING).load(10) is None
-        said: list[str] = []
-        assert store.checkpoints(TRAINING, said.append).load(10) is None
-        assert said[0].startswith(path.name)
-        assert "\n" not in said[0]
+        sentences: list[str] = []
+        assert store.checkpoints(TRAINING, sentences.append).load(10) is None
+        assert sentences[0].startswith(path.name)
+        assert "\n" not in sentences[0]
 
     def test_a_bomb_is_not_unpacked(self, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
         path = saved(store.folder)
         np.savez_compressed(path, weights=np.zeros(1_000_000))
         monkeypatch.setattr(np, "load", lambda *_, **__: pytest.fail("it was unpacked"))
-        said: list[str] = []
+        sentences: list[str] = []
         capped = Store(store.folder, cap_bytes=1_000_000)
-        assert capped.checkpoints(TRAINING, said.append).load(10) is None
-        assert "unpack" in said[0]
+        assert capped.checkpoints(TRAINING, sentences.append).load(10) is None
+        assert "unpack" in sentences[0]
 
 
 @pytest.fixture
@@ -332,8 +332,8 @@ class TestLibrary:
         if about == "document":
             foreign = resealed(lambda tree, _: tree.update(foreign="and unknown"))
         name = library.add(foreign, owner="eve")
-        kept = members(library.raw(name))
-        assert kept == members(small_bytes()), "as this program writes it"
+        written = members(library.raw(name))
+        assert written == members(small_bytes()), "as this program writes it"
         with pytest.raises(SnapshotError, match=r"run\.exe"):
             library.add(zipped(members(small_bytes()) | {"run.exe": b"x"}))
 
@@ -377,17 +377,17 @@ class TestLibrary:
         assert [entry.name for entry in library.entries()] == ["small"]
 
     def test_a_damaged_file_is_listed_with_the_reason_and_mended(self, library: Library) -> None:
-        kept, broken = library.add(small()), library.add(called("broken"))
+        sound, broken = library.add(small()), library.add(called("broken"))
         path = library.path(broken)
         path.write_bytes(path.read_bytes()[:-50])
         with pytest.raises(SnapshotError):
             library.add(path.read_bytes())
         faults = {entry.id: bool(entry.fault) for entry in library.entries()}
-        assert faults == {kept: False, broken: True}
+        assert faults == {sound: False, broken: True}
         assert library.entries()[-1].id == broken
         library.add(called("broken"))
         assert len(library.readable()) == 2
-        library.path(kept).rename(library.path("0" * 16))
+        library.path(sound).rename(library.path("0" * 16))
         assert "its file holds" in {e.id: e.fault for e in library.entries()}["0" * 16]
 
     def test_what_a_killed_process_left_is_swept(self, library: Library) -> None:

@@ -19,6 +19,7 @@ from accpinn.inference.typical import car_of
 from accpinn.model.registry import BEST
 from accpinn.model.spec import ModelSpec
 from accpinn.results.database import group_table, guarded
+from accpinn.results.marks import EXTRAPOLATED
 from accpinn.study.groups import POSTERIOR, group, read_study, share
 from accpinn.study.studies import (
     FAILURES,
@@ -233,7 +234,10 @@ def test_a_time_gap_at_a_speed_that_no_window_holds_is_marked() -> None:
     driven = [[part.is_driven(speed / 3.6) for speed in (50.0, 100.0)] for part in groups.groups]
     assert driven == [[True, False], [True, True]], "a study that does not tell marks nothing"
     lines = group_table(groups).to_text().splitlines()
-    assert ["*" in line for line in lines if line.startswith(("A ", "B "))] == [True, False]
+    assert [EXTRAPOLATED.glyph in line for line in lines if line.startswith(("A ", "B "))] == [
+        True,
+        False,
+    ]
 
 
 def test_what_is_unknown_counts_as_a_window_only() -> None:

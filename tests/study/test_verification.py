@@ -1,15 +1,20 @@
 """What a snapshot says against what its analysis gives: every forged number is found."""
 
+import io
 import json
+import os
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import accpinn
 from accpinn.errors import SnapshotError
 from accpinn.methods.estimate import BoundActive, Outcome
 from accpinn.methods.pinn.config import preset
@@ -18,10 +23,11 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.segment import WindowShortened
-from accpinn.study import Analysis, verification
+from accpinn.study import Analysis, snapshot_library, verification
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import DOCUMENT, load, prepare_snapshot, to_bytes
+from accpinn.study.snapshot_library import Library
 from accpinn.study.verification import HOWEVER_LONG, Check, Verification, verify
 from tests.support.driving import driven
 from tests.support.samples import FOLDER, NOISY
@@ -34,6 +40,7 @@ from tests.support.snapshots import (
     result_for,
     sealed,
     small,
+    small_bytes,
     trained,
     two_windows,
     whole,
@@ -87,13 +94,16 @@ class TestHonest:
             for title in TITLES.values():
                 assert kinds["estimate", title] == kinds["holdout", title] == "reproduced"
         agreeing = sum(check.numbers for check in found.checks)
-        assert found.counted.startswith(f"{agreeing:,} of {agreeing:,} numbers agree")
+        assert f"{agreeing:,} of {agreeing:,} numbers" in found.mark
+        assert (found.mark[0], found.accpinn) == ("✓", accpinn.__version__)
+        assert found.has_recording is False
 
     def test_with_the_recording_the_data_are_compared_too(self) -> None:
         bare = load(to_bytes(whole()))
         renamed = replace(platoon(), source="renamed.csv")
         found = verify(bare, renamed, refit_within=0.0)
         assert found.ok is None, found.sentence
+        assert found.has_recording
         assert states(found)["info", ""] == states(found)["facts", ""] == "reproduced"
         assert {check.cure for check in found.unchecked} == {"--refit"}
         (left,) = verify(bare, own_only=True).checks
@@ -148,7 +158,7 @@ class TestHonest:
 @pytest.fixture
 def honest_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """What running two windows again gives, which `TestHonest` has seen."""
-    monkeypatch.setattr(verification, "estimate", lambda *_: two_windows().estimate)
+    monkeypatch.setattr(verification, "estimate", lambda *_, **__: two_windows().estimate)
 
 
 def compared(**changes: Any) -> Result:
@@ -200,6 +210,9 @@ class TestForged:
         assert (found.part, found.state) == ("estimate", "reproduced")
         assert found.stored != found.computed
         assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
+        words = verify(forged)
+        assert words.mark.startswith("✗")
+        assert found.stored in words.sentence, "what differs first"
 
     @pytest.mark.usefixtures("honest_again")
     @pytest.mark.parametrize(
@@ -269,6 +282,62 @@ class TestForged:
         assert missed == []
         assert met["found"] >= 7
         assert met["refused"] >= 40
+
+
+class TestKept:
+    def test_it_stays_with_the_file_and_the_version_and_with_nothing_else(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        library = Library(tmp_path)
+        name = library.add(small())
+        assert library.verification(name) is None
+        snapshot = library.read(name)
+        found = verify(snapshot)
+        library.keep_verification(snapshot, found)
+        assert Library(tmp_path).verification(name) == found
+        library.delete(name)
+        assert library.verification(name) is None
+        library.restore(name)
+        assert library.verification(name) == found
+        os.utime(library.path(name), (0, 0))
+        assert library.verification(name) == found, "the same content"
+        whole = library.path(name).read_bytes()
+        library.path(name).write_bytes(whole + b"x")
+        assert library.verification(name) is None
+        library.path(name).write_bytes(whole)
+        with monkeypatch.context() as patch:
+            patch.setattr(snapshot_library, "__version__", "later")
+            assert library.verification(name) is None
+        assert library.verification(name) == found
+
+    def test_a_failure_takes_the_place_of_any_and_less_that_of_none(self, tmp_path: Path) -> None:
+        library = Library(tmp_path)
+        snapshot = library.read(library.add(small()))
+        found, partial = verify(snapshot), verify(snapshot, refit_within=0.0)
+        failed = replace(found, checks=(replace(found.checks[0], ok=False), *found.checks[1:]))
+        for checked, stays in ((partial, None), (found, found), (partial, found),
+                               (failed, failed), (partial, failed), (found, found)):  # fmt: skip
+            library.keep_verification(snapshot, checked)
+            assert library.verification(snapshot.id) == stays
+        absent = load(to_bytes(bounded()))
+        library.keep_verification(absent, found)
+        assert library.verification(absent.id) is None
+
+    def test_a_file_brings_no_mark_of_its_own(self, tmp_path: Path) -> None:
+        library = Library(tmp_path)
+        data = small_bytes()
+        claimed = io.BytesIO(data)
+        with zipfile.ZipFile(claimed, "a") as archive:
+            archive.writestr("result.accpinn.zip.verified", b"{}")
+        with pytest.raises(SnapshotError, match="belongs in none"):
+            library.add(claimed.getvalue())
+        tree = json.loads(members(data)[DOCUMENT])
+        tree["verification"] = {"checks": [], "ok": True}
+        try:
+            name = library.add(sealed(json.dumps(tree).encode(), arrays_of(data)))
+        except SnapshotError:
+            name = library.add(data)
+        assert library.verification(name) is None
 
 
 def leaves(tree: Any, place: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from accpinn.recordings.consistency import Pair
+from accpinn.recordings.increments import Pair
 from accpinn.recordings.synthetic import (
     REPORT_TIME,
     SIMULATION_STEP,

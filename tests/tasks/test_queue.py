@@ -8,15 +8,18 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from queue import Queue
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn import Analysis, Estimate, Parameters, PinnConfig, Recording, Result, Store
+from accpinn import tasks as module
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
 from accpinn.methods.estimate import History, Outcome, Progress
+from accpinn.methods.forecast import SETTLED
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.model.cthp import Trajectories
 from accpinn.study import single_window
@@ -127,21 +130,25 @@ def finished(task: Task[Any]) -> Task[Any]:
     return task
 
 
-def test_progress_rate_time_left_and_history(puppet: Puppet) -> None:
+def test_progress_time_left_and_history(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0], time=time.time))
     task = puppet.train("ann")
-    known = (task.progress, task.rate, task.time_left, task.history(), task.share)
-    assert known == (None, None, None, None, 0.0)
+    known = (task.progress, task.time_left, task.history(), task.share)
+    assert known == (None, None, None, 0.0)
     puppet.step(moment(0, 0.0))
-    assert task.rate is None  # one moment is no rate
-    puppet.step(moment(10, 1.0))
-    puppet.step(moment(30, 2.0))
-    assert task.rate == 15.0
-    puppet.step(moment(90, 5.0))
-    assert task.rate == 20.0, "the rate is that of the last three seconds"
-    assert (task.time_left, task.share) == (0.5, 0.9)
+    assert (task.time_left, task.share) == (None, 0.0), "nothing is known of it"
+    puppet.step(moment(10, 1.0, left=9.0))
+    assert (task.time_left, task.share) == (9.0, 0.1)
+    clock[0] += 3.0
+    assert (task.time_left, task.share) == (6.0, 0.4), "it passes between two moments"
+    clock[0] += 9.0
+    assert task.time_left == 3.0, "what takes longer than was told is not soon over"
+    puppet.step(moment(30, 15.0, left=5.0))
+    assert (task.time_left, task.share) == (5.0, 0.75)
     history = task.history()
-    np.testing.assert_array_equal(history.iteration, [0, 10, 30, 90])
-    np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31, 91])
+    np.testing.assert_array_equal(history.iteration, [0, 10, 30])
+    np.testing.assert_array_equal(history.parameters.values[:, 0, 2], [1, 11, 31])
     zeros = np.zeros(2)
     tables = Parameters.of(np.zeros((2, 1, 3)))
     own = History(np.array([0.0, 7.0]), zeros, zeros, zeros, zeros, zeros, tables)
@@ -161,10 +168,8 @@ def test_the_point_comes_before_its_intervals_which_are_a_phase_of_their_own(
     known = point()
     puppet.step(known)
     assert task.point is known
-    puppet.step(moment(0, 3.0, "intervals"))
-    assert task.rate is None, "that of the former phase says nothing of this one"
-    puppet.step(moment(1, 4.0, "intervals", left=7.5))
-    assert task.time_left == 7.5, "the method knows it better than its rate"
+    for phase in SETTLED:
+        puppet.step(moment(0, 3.0, phase))
     assert task.curves is curves
     np.testing.assert_array_equal(task.history().iteration, [10, 30, 40])
     puppet.give(result())
@@ -180,9 +185,9 @@ def test_one_at_a_time_and_the_others_wait(puppet: Puppet) -> None:
     assert puppet.queue.ahead_of(cem) == (ann, ben)
     assert puppet.queue.wait_for(ben) is None  # nothing is known of ann's yet
     puppet.step(moment(0, 0.0))
-    puppet.step(moment(50, 2.0))
-    assert puppet.queue.wait_for(ben) == 2.0
-    assert puppet.queue.wait_for(cem) is None  # ben's has no rate yet
+    puppet.step(moment(50, 2.0, left=200.0))
+    assert puppet.queue.wait_for(ben) == pytest.approx(200.0, abs=WAIT)
+    assert puppet.queue.wait_for(cem) is None  # nothing is known of ben's yet
     puppet.give(result())
     finished(ann)
     assert puppet.starts().seed == 2
@@ -388,9 +393,9 @@ class TestSeveralResults:
         task = self.comparison(puppet, "ann", weights=(1.0, 3.0))
         assert task.current == "one"
         puppet.step("first")
-        puppet.step(moment(50, 1.0))
+        puppet.step(moment(50, 1000.0, left=1000.0))
         assert (task.results, task.current) == (("first",), "two")
-        assert task.share == pytest.approx(0.625)
+        assert task.share == pytest.approx(0.625, abs=0.01)
         assert task.time_left is not None
         puppet.give("second", END)
         assert finished(task).status is Status.DONE

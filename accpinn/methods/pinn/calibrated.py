@@ -20,6 +20,7 @@ import numpy as np
 
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate, Outcome, Progress, WeaklyDetermined, for_window
+from accpinn.methods.forecast import PARAMETERS
 from accpinn.methods.joint_likelihood import UNKNOWNS, Rise, rising, smoothed, without_bounds
 from accpinn.methods.likelihood import log_errors, natural, vanishing
 from accpinn.methods.pinn.config import PinnConfig
@@ -43,8 +44,9 @@ from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, frozen
 
-ROUNDS_PER_MODEL = 25
-"""Rounds that a search usually takes, for the time left."""
+FIRST_ROUNDS, FURTHER_ROUNDS = 20, 14
+"""Rounds that a search usually takes: that of the CTHP, and from there that of a model with further
+terms."""
 
 
 class CalibratedTraining(Training):
@@ -56,7 +58,8 @@ class CalibratedTraining(Training):
         super().__init__(segments, case, config, spec)
         self.outcome = None
         self._iteration = 0
-        self._searches = 1 if spec.model == PAPER else 2
+        self._last_begins: int | None = None
+        """Iteration at which the search of the model that is asked for began."""
         self._rounds = rising(segments, case, spec, initial=config.initial)
         self._at: Rise = next(self._rounds)
         self._note()
@@ -77,9 +80,9 @@ class CalibratedTraining(Training):
         """Look at the present moment."""
         value = float(self._at.value.sum())
         self.progress = Progress(
-            phase="parameters",
+            phase=PARAMETERS,
             iteration=self._iteration,
-            iterations=max(self._iteration + 1, self._searches * ROUNDS_PER_MODEL),
+            iterations=self._expected_rounds(),
             seconds=0.0,
             total=np.nan,
             data=np.nan,
@@ -87,12 +90,22 @@ class CalibratedTraining(Training):
             initial=np.nan,
             parameters=self._solution().parameters[: 1 if self.case == "I" else None],
             log_likelihood=value,
-            deviations=np.array([log_errors(each) for each in self._at.information]),
+            deviations=np.array([log_errors(information) for information in self._at.information]),
         )
         is_late = self._iteration >= self.planned and not self._at.maxima
         self.outcome = Outcome.FINISHED if is_late else None
         if not np.isfinite(value):
             self.outcome = Outcome.DIVERGED
+
+    def _expected_rounds(self) -> int:
+        """The iteration at which the search probably ends."""
+        if self._at.form == self.spec.model and self._last_begins is None:
+            self._last_begins = self._iteration
+        if self.spec.model == PAPER:
+            return max(self._iteration + 2, FIRST_ROUNDS)
+        if self._last_begins is None:
+            return max(self._iteration + 2, FIRST_ROUNDS) + FURTHER_ROUNDS
+        return max(self._iteration + 2, self._last_begins + FURTHER_ROUNDS)
 
     def _solution(self) -> Solution:
         """(M, 3) the present parameters."""
@@ -111,9 +124,9 @@ class CalibratedTraining(Training):
         for k in range(segment.followers):
             pair = segment.pair(k)
             start = pair.speeds[0, 1:], pair.gaps[0]
-            one, ahead = parameters[[k]], pair.speeds[:, 0]
+            vehicle, ahead = parameters[[k]], pair.speeds[:, 0]
             with np.errstate(all="ignore"):  # the first values may be absurd
-                motion = simulate(self._at.form, one, pair.time, ahead, *start)
+                motion = simulate(self._at.form, vehicle, pair.time, ahead, *start)
             gaps[:, k], speeds[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
         return Trajectories(segment.time, speeds, gaps)
 
@@ -175,15 +188,17 @@ class CalibratedTraining(Training):
         """Curves, losses and arrays of all windows, as fields of an `Estimate`."""
         drawn = [self._window(segment, solution, unknowns) for segment in self.segments]
         curves, losses, windows, sizes = zip(*drawn, strict=True)
-        known = [(s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part]
+        weighted = [
+            (s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part
+        ]
         loss: dict[str, float] = {}
-        if len(known) == len(drawn):
-            samples = [count for count, _ in known]
-            rows = [list(part.values().values()) for _, part in known]
+        if len(weighted) == len(drawn):
+            samples = [count for count, _ in weighted]
+            rows = [list(part.values().values()) for _, part in weighted]
             names = LossTerms(0.0, 0.0, 0.0).values()
             loss = dict(zip(names, np.average(rows, axis=0, weights=samples), strict=True))
-        arrays = {name: array for k, own in enumerate(windows) for name, array in
-                  for_window(own, k).items()}  # fmt: skip
+        arrays = {name: array for k, saved in enumerate(windows) for name, array in
+                  for_window(saved, k).items()}  # fmt: skip
         return {"curves": curves, "loss": loss, "arrays": arrays, "network_weights": max(sizes)}
 
     def _window(
@@ -228,8 +243,8 @@ def drawn(
     motion = Motion(*projection.surrogate(hidden, weights))
     if delays.any():
         motion = motion.with_earlier(network, segment.time, delays)
-    kept = None if mask is None else mask.astype(float)
-    loss = loss_terms(motion, measured, theta, config, kept, lags=lags)
+    counts = None if mask is None else mask.astype(float)
+    loss = loss_terms(motion, measured, theta, config, counts, lags=lags)
     weights[0] += shift[0]
     network.set_output(weights)
     return trajectories(segment.time, motion.outputs + shift), loss, network

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from numbers import Real
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import msgspec
 import numpy as np
@@ -25,6 +25,37 @@ PresetName = Literal["fast", "calibrated", "paper"]
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 DEFAULT: PresetName = "calibrated"
 """The preset of whoever names none, in Python, on the command line and on pages."""
+
+
+class PresetInfo(NamedTuple):
+    """A preset's properties for pages, tables and the command line."""
+
+    title: str
+    """Its name on pages."""
+    description: str
+    """One sentence on its estimates."""
+    minimises_papers_loss: bool = False
+    """Whether its point is the minimum of the paper's Ψ."""
+    has_posterior: bool = False
+    """Whether its estimates have intervals, by the exact likelihood; samples may then be missing,
+    and the model is a CTHP."""
+
+
+PRESET_INFOS: dict[PresetName, PresetInfo] = {
+    "calibrated": PresetInfo(
+        "Recommended", "PiNN, calibrated, with intervals.", has_posterior=True
+    ),
+    "fast": PresetInfo(
+        "Fast", "The paper's loss, solved exactly: a point, biased where disturbances last.", True
+    ),
+    "paper": PresetInfo(
+        "Paper",
+        "The paper's training by gradient, many minutes: a point, biased where disturbances last.",
+        True,
+    ),
+}
+"""Every preset, in the order of pages. On pages the default one stands for the recommended method
+of the chosen model, whichever that is."""
 NAMES = "fast, calibrated or paper"
 OF_PRESET: Any = None
 """The default of settings in which presets differ, until `PinnConfig` fills in the preset's."""
@@ -67,10 +98,10 @@ _USUAL: dict[PresetName, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class PinnConfig:
-    """What determines a training, and nothing else: equal configs give equal results."""
+    """The settings that determine a training: equal configs give equal results."""
 
     preset: PresetName = DEFAULT
-    """Which training runs."""
+    """The training that runs; see `PRESETS`."""
     iterations: int = OF_PRESET
     """Adam iterations at most, or of `calibrated` rounds of its search; `fast` and `calibrated` end
     earlier once they have converged."""
@@ -78,7 +109,7 @@ class PinnConfig:
     """Seed of the network's initial weights, the minibatches and the train/test split."""
     initial: Parameters = STARTS[0]
     """Before the first iteration; the paper's notebooks start at ones. Another model than the CTHP
-    starts at the `own` of these, or at its typical values where there are none."""
+    starts at the `nonlinear` of these, or at its typical values where there are none."""
     weight_physics: tuple[float, float] = (1.0, 1.0)
     """Q: weights of the squared residuals of dp/dt and dv/dt in Ψ_F."""
     weight_initial: float = 0.0
@@ -228,8 +259,8 @@ def _title(setting: str) -> str:
 
 
 def _numbers(parameters: Parameters) -> list[float]:
-    has_own = parameters.own.size > 0
-    numbers: list[float] = (parameters.everything if has_own else parameters.values).tolist()
+    values = parameters.values if parameters.is_linear else parameters.everything
+    numbers: list[float] = values.tolist()
     return numbers
 
 
@@ -241,6 +272,11 @@ def _require(good: bool, setting: str, allowed: str, given: object) -> None:
 def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
+
+CYCLE = 50
+"""Adam iterations of the preset `fast` between exact solves."""
+USUAL_ROUNDS, USUAL_CYCLES = {True: 8, False: 15}, {True: 1.5, False: 4.0}
+"""Its usual numbers of exact rounds and of cycles, for the paper's model and for any other."""
 
 FAST = PinnConfig("fast")
 """Fourier input features, exact output layer and parameters, Adam on the hidden layers."""

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate, HiddenLayersGain, Outcome, for_window
-from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.config import CYCLE, USUAL_CYCLES, USUAL_ROUNDS, PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,
     LossTraining,
@@ -49,8 +49,6 @@ from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.units import FloatArray
 
-CYCLE = 50
-"""Adam iterations between exact solves."""
 HALF_LIFE = 100
 """Iterations in which Adam's learning rate halves: minibatch noise must fade for Ψ to converge."""
 STANDSTILL = 1e-4
@@ -58,6 +56,8 @@ STANDSTILL = 1e-4
 START_ROUNDS = 300
 """Largest number of exact rounds before the hidden layers are trained; some ten are usual, and 200
 where the physics weighs a hundred times as much as the data."""
+APPROACH, CYCLE_SHARE = (0.05, 0.9), 0.5
+"""Range of the share of a move that the next exact round has, and the share in a cycle."""
 CYCLE_ROUNDS = 3
 """Largest number of exact rounds after a cycle."""
 CONVERGED = 1e-3
@@ -79,7 +79,7 @@ class Surrogate:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the output layer of a window sees, for some hidden layers."""
+    """The inputs of a window's output layer, for some hidden layers."""
 
     arrays: dict[str, NDArray[Any]]
     """The network's weights."""
@@ -131,9 +131,11 @@ class FastTraining(LossTraining):
         super().__init__(segments, case, config, spec)
         torch.set_num_threads(threads)
         self.surrogates = tuple(Surrogate(data, config, self.order) for data in self.windows)
-        self._starting, self._iteration = True, 0
+        self._starting, self._iteration, self._started = True, 0, 0
+        self._moves: list[float] = []
+        """Largest change of a parameter in each exact round so far, or in each cycle."""
         self._trained: list[Seen] = []
-        """Of the windows whose hidden layers the present cycle has trained."""
+        """The windows whose hidden layers the present cycle has trained."""
         self._start_loss = float("nan")
         initial = self._initial()
         seen = [self._seen(window, initial) for window in self.surrogates]
@@ -159,7 +161,7 @@ class FastTraining(LossTraining):
         return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
     def _seen(self, window: Surrogate, solution: Any) -> Seen:
-        """What the output layer of a window sees for its present hidden layers."""
+        """The inputs of a window's output layer for its present hidden layers."""
         hidden = window.projection.hidden()
         return Seen(window.network.arrays(), hidden, window.projection.sums(hidden))
 
@@ -174,7 +176,7 @@ class FastTraining(LossTraining):
         return solve_output(seen.sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum) -> Optimum:
-        """One exact round: the parameters and the output layers."""
+        """Run one exact round: solve for the parameters and the output layers."""
         equations = (parameter_equations(part.seen.sums, part.weights) for part in at.windows)
         grams, moments = (
             weighted_sum(parts, self.shares) for parts in zip(*equations, strict=True)
@@ -193,15 +195,18 @@ class FastTraining(LossTraining):
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
-        """One exact round while starting; afterwards a window's share of a cycle."""
+        """Run one exact round while starting; afterwards a window's share of a cycle."""
         try:
             if self._starting:
                 before = self._best.solution
                 self._best = self._solved(self._best)
                 self._iteration += 1
                 moved = self._move(self._best.solution, before)
-                self._starting = moved > STANDSTILL and self._iteration < START_ROUNDS
-                self._note("start")
+                self._moves.append(moved)
+                self._started = self._iteration
+                if moved <= STANDSTILL or self._iteration >= START_ROUNDS:
+                    self._starting, self._moves = False, []
+                self._note("start" if self._starting else "Adam")
                 return
             self._trained.append(self._descended(len(self._trained)))
             if len(self._trained) == len(self.surrogates):
@@ -220,15 +225,16 @@ class FastTraining(LossTraining):
             after = self._solved(after)
             if self._move(after.solution, last) <= STANDSTILL:
                 break
-        terms = self._loss(after)
-        if terms.total < loss:
+        terms: LossTerms | None = self._loss(after)
+        if terms is not None and terms.total < loss:
             self._best = after
-            self._note("Adam", terms)
         else:
+            terms = None
             for window, part in zip(self.surrogates, before.windows, strict=True):
                 window.network.load_arrays(part.seen.arrays)
-            self._note("Adam")
         moved = self._move(self._best.solution, before.solution)
+        self._moves.append(moved)
+        self._note("Adam", terms)
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
@@ -250,9 +256,24 @@ class FastTraining(LossTraining):
         """Look at the present moment, with Ψ where it is known already."""
         best = self._best
         parameters = self._parameters(best.solution)
-        self._look(phase, self._iteration, terms or self._loss(best), parameters)
-        if phase == "start":
+        self._look(phase, self._iteration, terms or self._loss(best), parameters, self._expected())
+        if self._iteration == self._started:
             self._start_loss = self.progress.total
+
+    def _expected(self) -> int:
+        """The iteration at which the phase probably ends, as its moves fade by about one share."""
+        now, before = (self._moves[-1:] or [0.0])[0], (self._moves[-2:] or [0.0])[0]
+        is_paper = self.model is None
+        if not self._starting:
+            usual = USUAL_CYCLES[is_paper]
+            cycles = np.log(CONVERGED / now) / np.log(CYCLE_SHARE) if now > 0.0 else usual
+            return self._iteration + int(CYCLE * np.clip(cycles, 1.0, 2 * usual))
+        usual = USUAL_ROUNDS[is_paper]
+        share = np.clip(now / before if before > 0.0 else 0.0, *APPROACH)
+        rounds = np.log(STANDSTILL / now) / np.log(share) if now > 0.0 else usual
+        if len(self._moves) < usual // 2:  # at first they rise and fall
+            rounds = usual - self._iteration
+        return self._iteration + max(1, int(np.ceil(min(rounds, usual))))
 
     def _descended(self, k: int) -> Seen:
         """Adam on the hidden layers of a window, on minibatches, everything else fixed."""
@@ -266,8 +287,8 @@ class FastTraining(LossTraining):
         for _ in range(self._steps):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            kept = None if mask is None else mask[pick]
-            terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
+            counts = None if mask is None else mask[pick]
+            terms = loss_terms(motion_at(pick), measured[pick], theta, config, counts, self.model)
             window.adam.step(terms.total, learning_rate)
         return self._seen(window, self._best.solution)
 
@@ -301,7 +322,8 @@ class FastTraining(LossTraining):
     def estimate(self) -> Estimate:
         """The surrogates, the parameters, and what training the hidden layers brought."""
         now, start = self.progress, self._start_loss
-        gain = [HiddenLayersGain(start, now.total)] if now.phase == "Adam" and start > 0 else []
+        is_trained = now.iteration > self._started and start > 0
+        gain = [HiddenLayersGain(start, now.total)] if is_trained else []
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         arrays: dict[str, FloatArray] = {}
         for k, part in enumerate(self._best.windows):

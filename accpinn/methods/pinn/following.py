@@ -42,8 +42,8 @@ from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Fitted, Optimum, Seen, Surrogate
+from accpinn.methods.pinn.initial import initial_scores, values_of
 from accpinn.methods.pinn.loss import Motion, command_columns, weighted_sum
-from accpinn.methods.pinn.paper import initial_scores, values_of
 from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
@@ -132,7 +132,7 @@ class FollowingFast(FastTraining):
         return self._seen_with(window, replace(seen, whole=whole), solution)
 
     def _seen_with(self, window: Surrogate, seen: Seen, solution: FloatArray) -> Seen:
-        """The same with Φ at t - d, where the model has a delay; at first that of t = 0."""
+        """The inputs with Φ at t - d, where the model has a delay; at first that of t = 0."""
         if "delay" not in self.terms:
             return seen
         time = window.data.segment.time
@@ -197,8 +197,8 @@ class FollowingFast(FastTraining):
 
     def _expanded(self, motion: Motion, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """F (N, M), and its derivatives (3 + n, N, M) by gap, own speed, speed ahead and z."""
-        each = np.broadcast_to(z, (self.followers, z.shape[1])).T
-        at = [*motion.commanding, *each]
+        by_follower = np.broadcast_to(z, (self.followers, z.shape[1])).T
+        at = [*motion.commanding, *by_follower]
 
         def command(moved: list[FloatArray]) -> FloatArray:
             gap, speed, ahead, *scores = moved
@@ -231,12 +231,12 @@ class FollowingFast(FastTraining):
 
     def _linear(self, window: Surrogate, at: Fitted, z: FloatArray) -> Step:
         """The step of one window, by its output layer and z."""
-        seen, own, data = at.seen, self._places[1], window.data
+        seen, speed_columns, data = at.seen, self._places[1], window.data
         value, slopes = self._expanded(at.motion, z)
         lags = np.broadcast_to(self.model.term(self._theta(z), "lag"), self.followers)
-        missing = value - at.motion.rates[:, own]
+        missing = value - at.motion.rates[:, speed_columns]
         if at.motion.bends is not None:
-            missing -= lags * at.motion.bends[:, own]
+            missing -= lags * at.motion.bends[:, speed_columns]
         weight = self.config.weight_physics[1] / len(value)
         some, counts = thinned(len(value), max(1, round(APART / data.segment.sample_time)))
         root = np.sqrt(weight * counts)[:, None]
@@ -249,8 +249,8 @@ class FollowingFast(FastTraining):
             rate = seen.whole[:, 1] + lag * seen.whole[:, 2] if lag else seen.whole[:, 1]
             slope, by_z, error = slopes[:3, :, k].T, slopes[3:, :, k].T, missing[:, k, None]
             if data.mask is not None:
-                parts, kept = (rate, slope, by_z, error), data.mask[:, k, None]
-                rate, slope, by_z, error = (part * kept for part in parts)
+                parts, counted = (rate, slope, by_z, error), data.mask[:, k, None]
+                rate, slope, by_z, error = (part * counted for part in parts)
             unknowns = np.arange(z.shape[1]) + (z.shape[1] * k if self.case == "II" else 0)
             columns = self._places[:, k]
             gradient[unknowns] += weight * (by_z.T @ error)[:, 0]
@@ -282,6 +282,8 @@ class FollowingFast(FastTraining):
     def estimate(self) -> Estimate:
         """The surrogates, the parameters, and which of them the data do not determine."""
         estimate = super().estimate()
+        if not self.outcome:  # what the data say shows at the end of the search
+            return estimate
         return replace(estimate, findings=(*estimate.findings, *self._undetermined()))
 
     def _undetermined(self) -> list[MethodFinding]:

@@ -52,7 +52,7 @@ def library_of(values: Any) -> Any:
 
 
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
-    """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
+    """Columns of speeds (M+1) and space-gaps (M) among the outputs v_0, v_1, p_1, v_2, p_2, .."""
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
 
 
@@ -102,7 +102,7 @@ class Motion(NamedTuple):
     """(3, N, M) their time derivative, where d is not moved by gradient."""
 
     def with_earlier(self, network: Callable[..., Any], time: Any, delays: Any) -> "Motion":
-        """The same with what a network gives a time d (M,) before the instants (N,), at least at 0.
+        """The motion with a network's outputs a delay d (M,) before the instants (N,), from 0 on.
 
         All are arrays, or all are tensors.
         """
@@ -165,12 +165,12 @@ def loss_terms(
         lags: (M,) λ of that CTHP; all others have theirs among their parameters.
     """
     own_columns = output_columns(motion.outputs.shape[1] // 2)[0][1:]
-    gap, own, ahead = motion.commanding
+    gap, speed, ahead = motion.commanding
     if model is None:
         alpha, alpha_tau, beta = theta.T
-        command = alpha * gap - alpha_tau * own + beta * (ahead - own)
+        command = alpha * gap - alpha_tau * speed + beta * (ahead - speed)
     else:
-        command = model.acceleration(gap, own, ahead, theta, library_of(motion.outputs))
+        command = model.acceleration(gap, speed, ahead, theta, library_of(motion.outputs))
         lags = model.term(theta, "lag")
     residual = motion.rates[:, own_columns] - command
     if motion.bends is not None:
@@ -291,7 +291,7 @@ class LossTraining(Training):
         self.shares = shares_of([segment.samples for segment in segments])
 
     def _estimate(
-        self, found: Solution | Parameters, curves: Sequence[Trajectories], **others: Any
+        self, solution: Solution | Parameters, curves: Sequence[Trajectories], **others: Any
     ) -> Estimate:
         """The estimate so far, of a solution (M, 3) or parameters (M,); see `Estimate.of`."""
         return Estimate.of(
@@ -299,7 +299,7 @@ class LossTraining(Training):
             self.segments,
             self.case,
             self.spec,
-            found,
+            solution,
             curves=tuple(curves),
             outcome=self.outcome or Outcome.STOPPED,
             settings=self.config.to_json(),
@@ -307,12 +307,22 @@ class LossTraining(Training):
             **others,
         )
 
-    def _look(self, phase: str, iteration: int, terms: LossTerms, parameters: Parameters) -> None:
-        """Note the present moment, with parameters (M,) or (1,), and see if it is the last one."""
+    def _look(
+        self,
+        phase: str,
+        iteration: int,
+        terms: LossTerms,
+        parameters: Parameters,
+        expected: int | None = None,
+    ) -> None:
+        """Note the present moment, with parameters (M,) or (1,), and see if it is the last one.
+
+        The phase is ``expected`` to end at an iteration, by default at the last that is planned.
+        """
         self.progress = Progress(
             phase=phase,
             iteration=iteration,
-            iterations=self.planned,
+            iterations=self.planned if expected is None else min(expected, self.planned),
             seconds=0.0,
             total=float(terms.total),
             data=float(terms.data),

@@ -66,7 +66,7 @@ class Network:
         self.output = _layer(skipped + config.width, 2 * followers + 1, dice)
 
     def learnable(self) -> "Network":
-        """The same network with tensors as weights, which share these arrays' memory."""
+        """A copy of the network with tensors as weights, which share these arrays' memory."""
         import torch
 
         shared = copy(self)
@@ -109,7 +109,7 @@ class Network:
         return self.activated(_through(self.hidden[0], [row[:, 1:] for row in features]))
 
     def activated(self, through: Sequence[Array]) -> tuple[Array, ...]:
-        """The same from the first layer's z (N, width) and its derivatives."""
+        """The last tanh layer from the first layer's z (N, width) and its derivatives."""
         rows: list[Any] = _tanh(through)
         for layer in self.hidden[1:]:
             rows = _tanh(_through(layer, rows))
@@ -151,7 +151,7 @@ class Network:
 
     @property
     def size(self) -> int:
-        """How many weights and biases it has."""
+        """The number of weights and biases."""
         return sum(array.size for array in self.arrays().values())
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -164,11 +164,12 @@ class Network:
         Raises:
             ValueError: when they are another network's.
         """
-        own = self._named()
+        tensors = self._named()
         names = {name for name in state if name.startswith(("hidden.", "output."))}
-        if names != own.keys() or any(state[name].shape != own[name].shape for name in names):
+        shapes = ((state[name].shape, tensors[name].shape) for name in names & tensors.keys())
+        if names != tensors.keys() or any(given != needed for given, needed in shapes):
             raise ValueError("these weights are another network's")
-        for name, values in own.items():
+        for name, values in tensors.items():
             values[:] = state[name]
 
     def _named(self) -> dict[str, NDArray[Any]]:

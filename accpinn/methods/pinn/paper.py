@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.optim.adam import adam
 
-from accpinn.errors import ConfigError
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Checkpoint, Estimate, HoldoutLoss, for_window, of_window
 from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.initial import initial_scores, values_of
 from accpinn.methods.pinn.loss import (
     LossTerms,
     LossTraining,
@@ -39,7 +39,6 @@ from accpinn.methods.pinn.network import Network, State
 from accpinn.methods.regression import Regression, Solution
 from accpinn.methods.simulation import bounds_of
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_speeds
@@ -58,7 +57,7 @@ class Part(NamedTuple):
 
     @classmethod
     def of(cls, data: WindowData, instants: Mask) -> "Part":
-        """Those at which a mask (N,) is True."""
+        """The instants at which a mask (N,) is True."""
         mask = None if data.mask is None else torch.from_numpy(data.mask[instants])
         time, measured = data.segment.time[instants], data.measured[instants]
         return cls(torch.from_numpy(time), torch.from_numpy(measured), mask)
@@ -101,32 +100,6 @@ class Adam:
         for k, group in enumerate(zip(self._means, self._squares, self._steps, strict=True)):
             for part, values in enumerate(group):
                 values.copy_(torch.tensor(state[f"adam.{k}.{part}"]))
-
-
-def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
-    """(n,) z of the user's initial values, or of typical ones for what has none.
-
-    Raises:
-        ConfigError: where these are not the model's.
-    """
-    own, named = config.initial.own, model.parameters
-    if model.is_linear:
-        ends = np.array([(p.lower, p.upper) for p in named])
-        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
-    elif not own.size:
-        return np.clip(np.zeros(len(named)), *bounds)
-    if len(own) != len(named) or any(
-        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
-    ):
-        allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
-        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
-    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
-    return np.asarray(np.clip(scores, *bounds))
-
-
-def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
-    """(n, M) parameters at z (S, n), one row a follower or one for all."""
-    return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
 
 
 class PaperTraining(LossTraining):
@@ -225,11 +198,11 @@ class PaperTraining(LossTraining):
 
     def _theta(self) -> Tensor:
         """(M, 3) α, ατ, β or (n, M) those of another model; a line search may leave the bounds."""
-        each = self._parameters.clamp(*self._bounds).expand(self.followers, -1).T
+        values = self._parameters.clamp(*self._bounds).expand(self.followers, -1).T
         if not self.model:
-            alpha, beta, tau = each
+            alpha, beta, tau = values
             return torch.stack([alpha, alpha * tau, beta], 1)
-        named = zip(self.model.parameters, each, strict=True)
+        named = zip(self.model.parameters, values, strict=True)
         return torch.stack([parameter.value(part, torch) for parameter, part in named])
 
     def _loss(self, parts: Sequence[Part] | None = None) -> LossTerms:

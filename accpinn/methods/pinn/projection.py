@@ -57,7 +57,7 @@ class NormalEquations:
     """(2M+1,) the data at the first instant."""
 
     def with_late(self, late: Iterable[FloatArray], mask: Mask | None) -> Self:
-        """The same for accelerations that see (M,) of (N, 2, K), as `Projection.late` gives it."""
+        """The equations for late accelerations (M,) of (N, 2, K); see `Projection.late`."""
         grams = []
         for follower, seen in enumerate(late):
             part = seen if mask is None else seen[mask[:, follower]]
@@ -113,10 +113,10 @@ class Projection:
             [] if self._mask is None else [flat * m[:, None] for m in self._mask.T]
         )
         every = []
-        for known, moving in zip(self._grams, weighted, strict=True):
+        for gram, moving in zip(self._grams, weighted, strict=True):
             cross = np.hsplit((moving.T @ self.skipped).T / count, 2)
-            own = _products(moving.reshape(count, 2, -1), count)
-            every.append(self._bordered(known, np.array(cross), own))
+            squares = _products(moving.reshape(count, 2, -1), count)
+            every.append(self._bordered(gram, np.array(cross), squares))
         dynamic = every[:1] * (self._measured.shape[1] // 2) if self._mask is None else every[1:]
         return NormalEquations(
             every[0],
@@ -126,17 +126,17 @@ class Projection:
             self._measured[0],
         )
 
-    def _bordered(self, known: FloatArray, cross: FloatArray, own: FloatArray) -> FloatArray:
+    def _bordered(self, gram: FloatArray, cross: FloatArray, squares: FloatArray) -> FloatArray:
         """(2, 2, K, K) from products of (1, φ) (1 + F, 1 + F), with h and dh/dt, and of these."""
-        size, slope = len(known), self._slope
+        size, slope = len(gram), self._slope
         before, behind = slice(size), slice(size, None)
         grams = np.empty((2, 2, size + cross.shape[2], size + cross.shape[2]))
-        with_rate = known @ slope
-        grams[0, 0, before, before], grams[0, 1, before, before] = known, with_rate
+        with_rate = gram @ slope
+        grams[0, 0, before, before], grams[0, 1, before, before] = gram, with_rate
         grams[1, 0, before, before], grams[1, 1, before, before] = with_rate.T, slope.T @ with_rate
         grams[0, :, before, behind], grams[1, :, before, behind] = cross, slope.T @ cross
         grams[:, :, behind, before] = grams[:, :, before, behind].transpose(1, 0, 3, 2)
-        grams[:, :, behind, behind] = own
+        grams[:, :, behind, behind] = squares
         return grams
 
     def seen(self, hidden: FloatArray) -> FloatArray:
@@ -235,10 +235,10 @@ def solve_chain(
             factor = cholesky(system[:size, :size].copy().T, overwrite_a=True, check_finite=False)
             beside = np.concatenate([system[size:, :size], goal[:size].T]).T
             half = solve_triangular(factor, beside, "T", overwrite_b=True, check_finite=False)
-            coupled, rest = half[:, : len(system) - size], half[:, len(system) - size :]
+            coupled, targets = half[:, : len(system) - size], half[:, len(system) - size :]
             system = system[size:, size:].copy()
             dsyrk(-1.0, coupled, 1.0, system.T, trans=True, overwrite_c=True)
-            goal = goal[size:] - coupled.T @ rest
+            goal = goal[size:] - coupled.T @ targets
             eliminated.append((factor, half))
         behind, given = system, goal
 
@@ -246,13 +246,13 @@ def solve_chain(
     leader = cholesky((s_speed * sums.value_value + behind).T, check_finite=False)
     weights[:, 0] = cho_solve((leader, False), right[:, 0] + given, check_finite=False)
     for follower in range(followers):
-        known = weights[:, speed_columns[follower]]
+        solved_before = weights[:, speed_columns[follower]]
         for column in (speed_columns[follower + 1], gap_columns[follower]):
             factor, half = eliminated.pop()
-            left = half[:, len(known) :] - half[:, : len(known)] @ known
+            left = half[:, len(solved_before) :] - half[:, : len(solved_before)] @ solved_before
             solved = solve_triangular(factor, left, check_finite=False)
             weights[:, column] = solved
-            known = np.concatenate([solved, known])
+            solved_before = np.concatenate([solved, solved_before])
     return weights
 
 
@@ -284,10 +284,10 @@ def parameter_equations(
     speed_columns, gap_columns = output_columns(followers)
     grams, targets = [], []
     for follower in range(followers):
-        own = weights[:, speed_columns[follower + 1]]
-        relative = weights[:, speed_columns[follower]] - own
-        terms = np.stack([weights[:, gap_columns[follower]], -own, relative], axis=1)
+        speed = weights[:, speed_columns[follower + 1]]
+        relative = weights[:, speed_columns[follower]] - speed
+        terms = np.stack([weights[:, gap_columns[follower]], -speed, relative], axis=1)
         dynamic = sums.dynamic_grams[follower]
         grams.append(terms.T @ dynamic[0, 0] @ terms)
-        targets.append(terms.T @ (dynamic[0, 1] @ own))
+        targets.append(terms.T @ (dynamic[0, 1] @ speed))
     return np.stack(grams), np.stack(targets)

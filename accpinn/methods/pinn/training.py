@@ -19,18 +19,25 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import TYPICAL_SAMPLES, Method, PosteriorKind, Segments, TaskContext
+from accpinn.methods import TYPICAL_SAMPLES, Method, Segments, TaskContext
 from accpinn.methods.estimate import Continued, Estimate, Outcome, Recorder, of_window
-from accpinn.methods.pinn.calibrated import CalibratedTraining
+from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
+from accpinn.methods.pinn.calibrated import FIRST_ROUNDS, FURTHER_ROUNDS, CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,
+    CYCLE,
     FAST,
     METHOD_VERSION,
     PAPER,
+    PRESET_INFOS,
     PRESETS,
+    USUAL_CYCLES,
+    USUAL_ROUNDS,
     PinnConfig,
+    PresetInfo,
     PresetName,
 )
+from accpinn.methods.pinn.initial import initial_parameters
 from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
@@ -41,8 +48,6 @@ from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 MOST_THREADS = 4 * (os.cpu_count() or 2)
-CURVE_EVERY = 1.0
-"""Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
 CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
@@ -52,6 +57,8 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 }
 """Seconds on 300 s of one follower, the share that each further one adds, and the iterations of
 that measurement; see docs/validation.md."""
+LBFGS_EVALUATIONS = 1.4
+"""Evaluations of the loss that an iteration of L-BFGS takes."""
 MOST_BYTES = 1.4e9
 _PER_FEATURE = {
     "usual": (18, 1), "masked": (21, 1), "other model": (105, 10), "late model": (115, 70),
@@ -154,7 +161,8 @@ def _begun(
 
 def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
     """Drive a training to its end, or from its last checkpoint on."""
-    started = saved = drawn = time.perf_counter()
+    started = saved = time.perf_counter()
+    pace = Pace()
     training, recorder, earlier = begin(), Recorder(), 0.0
     checkpoints = context.checkpoints if training.has_checkpoints else None
     state = checkpoints.load(training.planned) if checkpoints else None
@@ -172,15 +180,12 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
         return earlier + time.perf_counter() - started
 
     def report() -> None:
-        nonlocal drawn
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
         if not context.on_progress:
             return
-        if training.outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
-            drawn = time.perf_counter()
-            now = replace(now, curves=training.curves())
-        context.on_progress(now)
+        curves = pace.drawn(training.curves) if training.outcome is None else None
+        context.on_progress(replace(now, curves=curves))
 
     def save() -> None:
         if checkpoints:
@@ -201,8 +206,12 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
     finally:  # also where it is interrupted
         if training.outcome is not Outcome.DIVERGED:
             save()
-    if context.on_estimate and (point := training.point()):
-        context.on_estimate(point)
+    if point := training.point():
+        if context.on_estimate:
+            context.on_estimate(point)
+        if context.on_progress:
+            now = replace(training.progress, phase=CURVES, iteration=0, iterations=1)
+            context.on_progress(replace(now, seconds=elapsed()))
     estimate = training.estimate()
     findings = (*estimate.findings, *begun)
     history = recorder.history()
@@ -210,7 +219,7 @@ def _driven(begin: Callable[[], Training], context: TaskContext) -> Estimate:
 
 
 def _threads(preset: PresetName, context: TaskContext) -> int:
-    """How many threads a training gets; thousands would exhaust the system.
+    """The number of threads of a training; thousands would exhaust the system.
 
     They share each small product, and one that waits for a busy core costs far more than another
     gains: where nobody chose, minibatches get one, and `paper` leaves a core to others.
@@ -286,6 +295,38 @@ def typical_seconds(segments: Segments, settings: PinnConfig | None) -> Seconds:
     return typical * size * followers * larger
 
 
+def _phases(
+    segments: Segments, settings: PinnConfig | None, spec: ModelSpec
+) -> Mapping[str, Phase]:
+    """The phases of a preset, measured on two cores."""
+    config, followers = settings or PinnConfig.default(), segments[0].followers
+    windows = len(segments)
+    samples = sum(segment.samples for segment in segments)
+    size, model = samples * followers, FOLLOWING[spec.model]
+    if config.preset == "calibrated":
+        rounds = FIRST_ROUNDS + (FURTHER_ROUNDS if spec.model != PAPER_MODEL else 0)
+        drawing = 18e-6 * (samples + size) if model.is_late else 6e-6 * size
+        return {
+            PARAMETERS: Phase(rounds, 1e-3 + 6e-7 * samples + 2e-7 * size),
+            CURVES: Phase(1, drawing),
+        }
+    if config.preset == "paper":
+        typical, further, iterations = TYPICAL["paper"]
+        larger = max(1.0, config.layers * config.width / (PAPER.layers * PAPER.width))
+        each = typical / iterations * samples / TYPICAL_SAMPLES * (1 + further * (followers - 1))
+        refining = {"L-BFGS": Phase(config.lbfgs_iterations, LBFGS_EVALUATIONS * larger * each)}
+        return {"Adam": Phase(config.iterations, larger * each)} | (
+            refining if config.lbfgs_iterations else {}
+        )
+    usual = spec.model == PAPER_MODEL
+    solving = 3e-3 + 7e-7 * (samples + size) if usual else (3e-5 if model.is_late else 9e-6) * size
+    cycle = 0.2 + windows * (0.1 + 0.02 * followers) + 5 * solving
+    return {
+        "start": Phase(USUAL_ROUNDS[usual], solving),
+        "Adam": Phase(int(CYCLE * USUAL_CYCLES[usual]), cycle / CYCLE),
+    }
+
+
 def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
     """The settings that trainings with one checkpoint share; None for presets of seconds.
 
@@ -299,16 +340,17 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
     return shared
 
 
+def _info(settings: Mapping[str, Any]) -> PresetInfo:
+    """The properties of the settings' preset; without one, as of a hand-made estimate, none."""
+    return PRESET_INFOS.get(settings.get("preset", ""), PresetInfo("", ""))
+
+
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models, the paper's first; of the preset `calibrated` the CTHPs, the best one first."""
-    if settings["preset"] == "calibrated":
+    """All models, the paper's first; of a preset with a posterior the CTHPs, the best one first."""
+    if _info(settings).has_posterior:
         linear = (key for key, model in FOLLOWING.items() if model.is_linear and key != BEST)
         return (BEST, *linear)
     return tuple(FOLLOWING)
-
-
-def _posterior(settings: Mapping[str, Any]) -> PosteriorKind | None:
-    return "likelihood" if settings["preset"] == "calibrated" else None
 
 
 def _variant(config: Mapping[str, Any]) -> str:
@@ -330,8 +372,13 @@ METHOD = Method(
     settings=PinnConfig,
     variant=_variant,
     duration=typical_seconds,
+    phases=_phases,
+    initial=initial_parameters,
     redraw=redraw,
     models=_models,
-    posterior=_posterior,
-    allows_missing=lambda settings: bool(settings["preset"] == "calibrated"),
+    posterior=lambda settings: "likelihood" if _info(settings).has_posterior else None,
+    allows_missing=lambda settings: _info(settings).has_posterior,
+    description=lambda settings: _info(settings).description,
+    curve_title="network",
+    minimises_papers_loss=lambda settings: _info(settings).minimises_papers_loss,
 )

@@ -7,7 +7,6 @@ joint distribution of its parameters.
 
 import html
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import cycle
 from typing import NamedTuple
 
@@ -20,6 +19,8 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.methods.estimate import Estimate, ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
+from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of
+from accpinn.results import marks
 from accpinn.results.description import name_of
 from accpinn.results.figures import style
 from accpinn.results.tables.estimates import columns_of
@@ -31,6 +32,8 @@ from accpinn.units import FloatArray, MetresPerSecond, Seconds, interval_ends
 BAND = "rgba(128, 140, 155, 0.20)"
 BAND_POINTS = 400
 DASHES = ("solid", "dash", "dot")
+SYMBOLS = ("circle", "square", "diamond", "triangle-up")
+"""Of models, beside their colours."""
 LIMIT: style.Part = {"color": style.LEADER, "width": 1, "dash": "dash"}
 EARLY = 0.25
 """The share of an online method's track, while it still converges, that does not set the axis."""
@@ -43,65 +46,110 @@ OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
 JOINT_DRAWN = 300
 """Draws of a joint distribution that are shown."""
-INSIDE, OUTSIDE, EARLIER = "circle", "x", "circle-open"
-"""Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs."""
+INSIDE, OUTSIDE, EARLIER = "circle", marks.OUTSIDE.symbol, "diamond-open"
+"""Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs; a
+ring stands for an extrapolated value everywhere."""
+ESTIMATED = (PARAMETERS[-1], *PARAMETERS[:-1])
+"""What is compared: τ, α and β."""
 
 
-Row = tuple[str, FloatArray]
-"""A name and (3, 3) α, β and the time gap with lower and upper ends of their intervals below, nan
-where undetermined; or (3,) without ends."""
+class Row(NamedTuple):
+    """One estimate of a follower."""
+
+    name: str
+    """The method's."""
+    model: str
+    """Key of the model in the registry."""
+    values: FloatArray
+    """(3, 3) τ, α and β with lower and upper ends of their intervals below, nan where
+    undetermined; or (3,) without ends."""
 
 
-def row_of(result: Result, follower: int, speed: MetresPerSecond) -> Row:
-    """An estimate of one follower (0 for the first), with its time gap at the speed."""
+def row_of(result: Result, follower: int) -> Row:
+    """An estimate of one follower (0 for the first)."""
     estimate = result.estimate
-    spans = *estimate.gains_and_gap(follower)[:2], estimate.time_gap(speed, follower)
-    return name_of(estimate), np.array([(s.value, s.lower, s.upper) for s in spans]).T
+    of = estimate.span if estimate.following.is_linear else estimate.gain
+    spans = [of(quantity.key, follower) for quantity in ESTIMATED]
+    values = np.array([(s.value, s.lower, s.upper) for s in spans]).T
+    return Row(name_of(estimate, with_model=False), estimate.model, values)
+
+
+def group_title(model: str) -> str:
+    """The heading of the estimates of a model: its name and parameters."""
+    following = FOLLOWING[model]
+    symbols = ", ".join(parameter.symbol for parameter in following.parameters)
+    name = "Paper's model" if model == PAPER else following.title
+    return f"{name}: {symbols}"
 
 
 def estimates(
     points: Sequence[Row], colour: str, recommended: Row | None = None,
-    truth: FloatArray | None = None, earlier: Sequence[Row] = (),
+    truth: Parameters | None = None, earlier: Sequence[Row] = (),
 ) -> go.Figure:  # fmt: skip
-    """A mark a method for α, β and the time gap of one follower, beside the recommended estimate.
+    """A mark a method for τ, α and β of one follower, below a heading for each model.
 
-    The recommended estimate is on top, with its intervals as bars and shaded; a point has another
-    symbol where it lies outside. Those of ``earlier`` runs are rings; the truth (3,) is dashed,
-    where it is known.
+    Parameters of different models mean different things, as τ beside an s₀, so each is held against
+    estimates of its own model alone. The recommended estimate is on top, with its intervals as bars
+    and shaded over the rows of its model; a point there has another symbol where it lies outside.
+    Those of ``earlier`` runs are open diamonds. The truth is dashed over the rows of models that
+    have all its terms.
     """
     rows = [*([recommended] if recommended else []), *points, *earlier]
+    groups = {row.model: [r for r in rows if r.model == row.model] for row in rows}
+    lines = sum(1 + len(members) for members in groups.values())
     chart = style.Chart(
-        "compare-estimates", 76 + 34 * len(rows), style.row(3, 0.03), dragmode=False,
-        margin={"l": 0, "r": 12, "t": 44, "b": 6},
+        "compare-estimates", 94 + 26 * lines, style.row(3, 0.03), dragmode=False,
+        margin={"l": 0, "r": 12, "t": 62, "b": 6},
     )  # fmt: skip
+    ticks, at = dict[float, str](), 0.0
+    place = dict[int, float]()
+    for model, members in groups.items():
+        # A tick's label as long as a heading would leave a narrow screen's panels no room.
+        chart.words(f"<b>{html.escape(group_title(model), quote=False)}</b>", 0, at, xref="paper",
+                    yref="y", xanchor="left", yanchor="middle")  # fmt: skip
+        at -= 1
+        for row in members:
+            place[id(row)] = at
+            ticks[at], at = html.escape(row.name).replace(" (", "<br>(", 1), at - 1
     chart.axis("x*", tickangle=0)
-    # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
-    names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]
-    chart.axis("y*", categoryorder="array", categoryarray=names[::-1], showgrid=True,
-               automargin=True)  # fmt: skip
-    values = np.array([np.atleast_2d(part)[0] for _, part in rows]).reshape(-1, 3)
-    ends = recommended[1][1:] if recommended else np.full((2, 3), np.nan)
-    gap = replace(PARAMETERS[-1], symbol="Time gap")
-    for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
+    chart.axis("y*", range=[at + 0.4, 0.6], showgrid=False, tickvals=[*ticks], automargin=True,
+               ticktext=[*ticks.values()])  # fmt: skip
+    values = np.array([np.atleast_2d(row.values)[0] for row in rows]).reshape(-1, 3)
+    ends = recommended.values[1:] if recommended else np.full((2, 3), np.nan)
+    is_alike = np.array([row.model == rows[0].model for row in rows])
+    y = np.array([place[id(row)] for row in rows])
+    names = [html.escape(row.name) for row in rows]
+    true = [] if truth is None else [truth.tau, truth.alpha, truth.beta]
+    for which, quantity in enumerate(ESTIMATED):
         column, (low, high) = values[:, which], ends[:, which].tolist()
         bars = np.full((2, len(rows)), np.nan)
         bars[:, :1] = [[low], [high]] if recommended else np.nan
-        true = [] if truth is None else truth[[which]].tolist()
-        is_outside = ((column < low) | (column > high)).tolist()
+        is_outside = (((column < low) | (column > high)) & is_alike).tolist()
         symbols = [OUTSIDE if outside else INSIDE for outside in is_outside]
         symbols[len(rows) - len(earlier) :] = [EARLIER] * len(earlier)
         marker = {"size": 10, "color": colour, "line": {"width": 2, "color": colour},
                   "symbol": symbols}  # fmt: skip
+        panel = which + 1
         chart.dots(
-            column, names, panel=which + 1, marker=marker, ends=(bars[0], bars[1]), along="x",
-            bar={"thickness": 2}, hover=f"%{{y}}<br>{_value(quantity, 'x')}<extra></extra>",
+            column, y, panel=panel, marker=marker, ends=(bars[0], bars[1]), along="x",
+            bar={"thickness": 2}, customdata=names,
+            hover=f"%{{customdata}}<br>{_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
-        shown = style.limits(np.array([low, high, *column, *true])) or [0.0, 1.0]
+        known = [float(value) for value in true[which : which + 1]]
+        shown = style.limits(np.array([low, high, *column, *known])) or [0.0, 1.0]
         if np.isfinite(low):
-            chart.area(f"x{which + 1}", low, min(high, shown[1]), BAND)
-        chart.axis(f"x{which + 1}", quantity.heading, side="top", range=shown, **style.ticks(shown))
-        for value in true:
-            chart.level(f"x{which + 1}", value, style.TRUTH | {"width": 2})
+            own = y[is_alike]
+            chart.shape({"type": "rect", "xref": f"x{panel}", "x0": low, "x1": min(high, shown[1]),
+                         "yref": f"y{panel}", "y0": own.min() - 0.5, "y1": own.max() + 0.5,
+                         "fillcolor": BAND, "line": {"width": 0}, "layer": "below"})  # fmt: skip
+        for model, members in groups.items():
+            if truth is not None and has_terms_of(model, truth):
+                own = np.array([place[id(row)] for row in members])
+                chart.shape({"type": "line", "xref": f"x{panel}", "x0": known[0], "x1": known[0],
+                             "yref": f"y{panel}", "y0": own.min() - 0.5, "y1": own.max() + 0.5,
+                             "line": style.TRUTH | {"width": 2}})  # fmt: skip
+        heading = quantity.heading.replace(" [", "<br>[")  # narrow panels have no room beside it
+        chart.axis(f"x{panel}", heading, side="top", range=shown, **style.ticks(shown))
     return chart.figure()
 
 
@@ -141,15 +189,16 @@ def tracks(
 
 def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
-    chart = style.Chart("compare-residual", 240, style.row(2, 0.06), dragmode=False)
-    titles = ("Residual with itself", "Residual after acceleration ahead")
+    chart = style.Chart("compare-residual", 258, style.row(2, 0.06), dragmode=False,
+                        margin={"b": 67})  # fmt: skip
+    titles = ("Residual with itself", "Acceleration ahead")
     shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in found)
     chart.axis("y*", range=[-shown, shown])
     chart.axis("y", "Correlation")
     for panel, ((lags, values, most), title) in enumerate(zip(found, titles, strict=True), 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip
-        chart.axis(f"x{panel}", f"{title}: lag [s]")
+        chart.axis(f"x{panel}", f"{title}:<br>lag [s]")
         for end in (-most, most):
             chart.level(f"y{panel}", end, LIMIT)
     return chart.figure()
@@ -178,6 +227,29 @@ def followers_of(judged: Judgement) -> list[Follower]:
         Follower(score.model.title, colour, score.model, score.theta)
         for score, colour in zip(judged.scores, cycle(style.FOLLOWERS), strict=False)
     ]
+
+
+def errors_by_car(judgements: Sequence[Judgement]) -> go.Figure:
+    """The typical RMSE of the gap in windows left out, a row a car and a mark a model."""
+    chart = style.Chart("models-cars", 64 + 32 * len(judgements), dragmode=False,
+                        margin={"l": 0, "r": 14, "t": 6, "b": 42})  # fmt: skip
+    labels = [html.escape(judged.info.labels[1]) for judged in judgements]
+    places = np.arange(len(labels))[::-1]
+    chart.axis("y", range=[-0.6, len(labels) - 0.4], tickvals=places, ticktext=labels,
+               automargin=True)  # fmt: skip
+    scores = zip(*(judged.scores for judged in judgements), strict=True)
+    for of_model, colour, symbol in zip(scores, cycle(style.FOLLOWERS), cycle(SYMBOLS)):
+        errors = np.array([score.typical_rmse for score in of_model])
+        title = of_model[0].model.title
+        best = [judged.ranked[0].key == of_model[0].key for judged in judgements]
+        chart.dots(
+            errors, places, title, customdata=labels,
+            hover=f"%{{customdata}}<br>{html.escape(title)}: %{{x:.2f}} m<extra></extra>",
+            marker={"color": colour, "symbol": symbol, "size": [15 if b else 9 for b in best]},
+        )  # fmt: skip
+    every = [score.typical_rmse for judged in judgements for score in judged.scores]
+    chart.axis("x", "RMSE of the gap in windows left out [m]", range=[0, 1.06 * max(every)])
+    return chart.figure()
 
 
 def errors_by_window(judged: Judgement) -> go.Figure:

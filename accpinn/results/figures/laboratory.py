@@ -1,21 +1,27 @@
-"""The frequency laboratory: one frequency marked on the responses, and the cars that follow it."""
+"""The frequency laboratory: the responses, and what a browser needs to let cars follow them.
+
+The browser marks a frequency on the curves and draws the steady motion of the cars itself, from
+each car's complex gain at all frequencies on offer: moving the frequency takes no server.
+"""
 
 import html
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from accpinn.channels import TIME
 from accpinn.inference.gain_check import decibels
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import Parameters
-from accpinn.platoon.steady import steady_deviations
+from accpinn.model.published import ParameterSet
+from accpinn.platoon.steady import steady_gains
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import WIDTHS, colours_of
 from accpinn.results.figures.stability import (
-    AT,
     AXIS_OF_FREQUENCY,
     BAND_OPACITY,
     BAND_POINTS,
@@ -31,15 +37,12 @@ from accpinn.results.figures.stability import (
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.stability.lagged import is_lagged
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, interval_ends
 
 Part = Literal["magnitude", "phase"]
 """The part of the response H(jω) that is drawn."""
 
-MARK = "chosen frequency"
-"""Name of the points that mark the chosen frequency on the curves."""
-MARK_LINE: style.Part = {"color": style.MODEL, "width": 1.5, "dash": "dot"}
-"""The line at the chosen frequency, and along one of its periods."""
 PHASE_AT = "%{y:.1f}° at %{x:.3f} rad/s"
 """The text shown when a phase is hovered over."""
 BELOW, BELOW_POINTS = 1e-3, 300
@@ -52,51 +55,121 @@ SHOWN: Seconds = 100.0
 """Length of the waves' axis of time, at least."""
 PERIODS = 2.0
 """Periods of a slow sinusoid that the waves show."""
-INSTANTS_PER_PERIOD, INSTANTS = 40, 160
-"""Instants of a wave: so many a period, and so many at least."""
 AMPLITUDE: MetresPerSecond = 1.0
 """Amplitude of the leader's speed, as in the paper."""
+INSTANTS = 601
+"""Instants of the waves in a report."""
 MOST_GROWTH = 15.0
 """Growth up to which the waves have one scale at all frequencies."""
-ROOM = 1.3
-"""Height of the waves' axis over the largest amplitude; the period is marked there."""
+DIGITS = 7
+"""Significant digits of a number that is sent."""
+CONDITION = "L∞ condition of the paper"
+"""Name of the lines to the limit that D > 0 sets."""
+UNITS: dict[Part, tuple[str, int]] = {"magnitude": ("dB", 2), "phase": ("°", 1)}
+"""Unit and decimals of each part where it is written."""
 
 
-def response_curves(
-    subject: KnownVehicles, part: Part, omega: RadiansPerSecond, height: int
-) -> go.Figure:
-    """The magnitude or phase of every vehicle's response, with a mark at ω on every curve.
+def response_curves(subject: KnownVehicles, part: Part, height: int) -> go.Figure:
+    """The magnitude or phase of every vehicle's response, in half the bytes.
 
-    Every point carries the vehicle's index as its custom data, as in `bode`. The height is in
-    pixels.
+    Every point carries the vehicle's index as its custom data, as in `bode`. The magnitude has the
+    paper's conditions on it. The height is in pixels.
     """
-    is_magnitude, vehicles = part == "magnitude", subject.vehicles
-    figure = bode(subject, height) if is_magnitude else bode_phase(subject, height)
+    figure = bode(subject, height) if part == "magnitude" else bode_phase(subject, height)
     parts = style.parts_of(figure)
-    for trace in parts["data"]:  # half the bytes, as they are sent at every step of the slider
+    if part == "magnitude":
+        _draw_conditions(parts, subject.vehicles)
+    for trace in parts["data"]:
         trace.update({axis: np.asarray(trace[axis], np.float32) for axis in ("x", "y")})
-    at = np.array([omega])
-    single = response(vehicles.parameters, at)
-    values = decibels(np.abs(single)) if is_magnitude else phases(vehicles.parameters, at)
-    labels, paints, values = [*vehicles.labels], [*colours(vehicles)], values[:, 0]
-    indices = [*range(len(vehicles))]
-    if len(vehicles) > 1:
-        labels, paints, indices = [*labels, WHOLE_NAME], [*paints, style.LEADER], [*indices, WHOLE]
-        values = np.append(values, values.sum())
-    hover = AT if is_magnitude else PHASE_AT
-    parts["data"].append({
-        "x": np.full(len(values), omega), "y": values, "name": MARK, "mode": "markers",
-        "showlegend": False, "customdata": indices,
-        "hovertemplate": f"{hover}<extra>%{{text}}</extra>",
-        "text": [html.escape(label) for label in labels],
-        "marker": {"size": 10, "color": paints, "line": {"width": 2, "color": style.MODEL}},
-        "selected": {"marker": {"opacity": 1}}, "unselected": {"marker": {"opacity": 1}},
-    })  # fmt: skip
-    parts["layout"]["shapes"].append({
-        "type": "line", "xref": "x", "x0": omega, "x1": omega, "yref": "y domain", "y0": 0, "y1": 1,
-        "line": MARK_LINE, "layer": "below",
-    })  # fmt: skip
     return style.Figure(parts)
+
+
+def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
+    """Draw what the paper's conditions ask of the curves.
+
+    L₂ asks |H| ≤ 0 dB everywhere. L∞, D > 0, is a condition on one point: by
+
+        |H(j√α)|² = (α + β²) / (ατ + β)²,   D > 0  ⇔  (ατ + β)² > 4α
+
+    the curve of α, β and τ has to pass below (α + β²) / 4α at ω = √α. With a lag or a delay, which
+    the paper's model does not have, the stem ends where that curve passes without them.
+    """
+    chart, paints = style.Chart("conditions", 0), colours(vehicles)
+    known = " without lag and delay" * is_lagged(vehicles.parameters)
+    for k, (alpha, alpha_tau, beta) in enumerate(vehicles.parameters.theta.tolist()):
+        if not alpha:
+            continue
+        asked = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
+        with np.errstate(divide="ignore"):  # an undamped vehicle in resonance
+            limit, level = decibels(np.sqrt((alpha + beta**2) / asked)).tolist()
+        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{known}"
+        chart.line(
+            [alpha**0.5] * 2, [limit, level], CONDITION, paints[k], 1.2, "dot", opacity=0.8,
+            mode="lines+markers", showlegend=False,
+            marker={"symbol": ["line-ew", "circle"], "size": [18, 3],
+                    "line": {"width": [3, 0], "color": paints[k]}, "color": paints[k]},
+            hover=f"L∞, the paper's D > 0: below {limit:.2f} dB at √α = {alpha**0.5:.3f} rad/s;"
+            f" {words}<extra>{html.escape(vehicles.labels[k])}</extra>",
+        )  # fmt: skip
+    drawn = style.parts_of(chart.figure())
+    parts["data"] += drawn["data"]
+    parts["layout"]["annotations"] += drawn["layout"]["annotations"]
+
+
+def frequency_data(
+    subject: KnownVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
+) -> dict[str, Any]:
+    """What the browser draws at any of the offered frequencies, as JSON has it.
+
+    Returns:
+        "omega" (K,); of each of the platoon's different vehicles its gain H(jω) as real and
+        imaginary parts, null where it never settles; its "order" in terms of these; names, colours
+        and widths of all vehicles, leader first; and the "curves" of the response with their values
+        at each frequency.
+    """
+    omega, vehicles = np.array(offered), subject.vehicles
+    different = [*dict.fromkeys(cast.order)]
+    gains = steady_gains(cast.vehicles.parameters[different], omega)
+    values, (unit, decimals) = _curves(vehicles.parameters, part, omega), UNITS[part]
+    names, paints = [*vehicles.labels], [*colours(vehicles)]
+    if len(vehicles) > 1:
+        names, paints = [*names, WHOLE_NAME], [*paints, style.LEADER]
+    return {
+        "omega": [*offered],
+        "gains": [[_sent(row.real), _sent(row.imag)] for row in gains],
+        "order": [different.index(k) for k in cast.order],
+        "names": [*cast.labels],
+        "colours": colours_of(cast),
+        "widths": [WIDTHS[k > 0] for k in range(len(cast.labels))],
+        "curves": [
+            {"name": name, "colour": paint, "values": _sent(row)}
+            for name, paint, row in zip(names, paints, values, strict=True)
+        ],
+        "unit": unit,
+        "decimals": decimals,
+        "amplitude": AMPLITUDE,
+        "growth": _largest_growth(cast),
+        "shown": SHOWN,
+        "periods": PERIODS,
+        "mark": style.MODEL,
+        "grid": style.GRID,
+        "time": TIME.axis,
+        "speed": "Speed about the mean [m/s]",
+    }
+
+
+def _curves(parameters: Parameters, part: Part, omega: FloatArray) -> FloatArray:
+    """(V, K) dB or degrees of every vehicle; of several, then of all in a row."""
+    is_magnitude = part == "magnitude"
+    single = (
+        decibels(np.abs(response(parameters, omega))) if is_magnitude else phases(parameters, omega)
+    )
+    return single if len(single) == 1 else np.vstack([single, single.sum(axis=0)])
+
+
+def _sent(values: NDArray[np.float64]) -> list[float | None]:
+    """Numbers as JSON has them."""
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
 def phases(parameters: Parameters, omega: FloatArray) -> FloatArray:
@@ -149,32 +222,21 @@ def _phase_bands(
 
 
 def steady_waves(cast: Cast, omega: RadiansPerSecond, height: int) -> go.Figure:
-    """The speeds of a platoon behind a sinusoid, once its transient is over, about their mean.
-
-    The scale is the same at all frequencies, unless the platoon grows more than `MOST_GROWTH`-fold,
-    so that growth is seen. One period of the leader is marked. The height is in pixels.
-    """
-    platoon, period = cast.vehicles.parameters[[*cast.order]], 2.0 * np.pi / omega
-    end = max(SHOWN, PERIODS * period)
-    time = np.linspace(0.0, end, max(INSTANTS, int(INSTANTS_PER_PERIOD * end / period)) + 1)
-    moved = steady_deviations(platoon, omega, time, AMPLITUDE)
+    """The speeds that the browser draws at one frequency, for a report; the height is in pixels."""
+    platoon, end = cast.vehicles.parameters[[*cast.order]], max(SHOWN, PERIODS * 2 * np.pi / omega)
+    time = np.linspace(0.0, end, INSTANTS)
+    gains = np.cumprod(np.append(1.0, steady_gains(platoon, np.array([omega]))[:, 0]))
+    moved = (AMPLITUDE * gains[:, None] * np.exp(1j * omega * time)).imag
     chart, paints = style.Chart("steady-waves", height), colours_of(cast)
     for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
-        if np.isfinite(moved[:, k]).all():
-            name = cast.labels[k]
+        if np.isfinite(moved[k]).all():
             chart.line(
-                time.astype(np.float32), moved[:, k].astype(np.float32), name, paints[k],
+                time.astype(np.float32), moved[k].astype(np.float32), cast.labels[k], paints[k],
                 WIDTHS[k > 0], legendrank=k,
-                hover=f"%{{y:+.2f}} m/s at %{{x:.1f}} s<extra>{html.escape(name)}</extra>",
+                hover=f"%{{y:+.2f}} m/s<extra>{html.escape(cast.labels[k])}</extra>",
             )  # fmt: skip
-    settled = np.asarray(np.isfinite(moved).all(axis=0))
-    gains = np.abs(response(platoon, np.array([omega]))[settled[1:], 0])
-    here = float(np.max(np.cumprod(gains), initial=1.0))
-    top = ROOM * AMPLITUDE * max(here, _largest_growth(cast))
-    _mark_period(chart, period, top)
-    if not settled.all():
-        first = cast.labels[int(np.argmin(settled))]
-        chart.words(f"{html.escape(first)} never settles", 0.995, 0.005)
+    largest = float(np.nanmax(np.abs(gains)))
+    top = 1.1 * AMPLITUDE * max(largest, _largest_growth(cast))
     chart.axis("x", TIME.axis, range=[0.0, end])
     chart.axis("y", "Speed about the mean [m/s]", range=[-top, top])
     return chart.figure()
@@ -184,20 +246,3 @@ def _largest_growth(cast: Cast) -> float:
     """The largest growth along the platoon at any frequency, between 1 and `MOST_GROWTH`."""
     gains = head_to_tail_peaks(cast.vehicles.parameters[[*cast.order]]).gain
     return float(np.clip(np.max(gains, initial=1.0), 1.0, MOST_GROWTH))
-
-
-def _mark_period(chart: style.Chart, period: Seconds, top: float) -> None:
-    """Mark the leader's second period from crest to crest, and say how long it is."""
-    start, level = 0.25 * period, top * (1.0 + 1.0 / ROOM) / 2.0
-    tick = 0.03 * top
-    for x0, x1, y0, y1 in (
-        (start, start + period, level, level),
-        (start, start, level - tick, level + tick),
-        (start + period, start + period, level - tick, level + tick),
-    ):
-        chart.shape({"type": "line", "xref": "x", "yref": "y", "x0": x0, "x1": x1, "y0": y0,
-                     "y1": y1, "line": {"color": style.MODEL, "width": 2}})  # fmt: skip
-    chart.words(
-        f" one period: {period:.1f} s", start + period, level, xref="x", xanchor="left",
-        yref="y", yanchor="middle",
-    )  # fmt: skip

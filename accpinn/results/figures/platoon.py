@@ -1,4 +1,4 @@
-"""A simulated platoon as figures: profiles, time-space diagram, amplitudes, map, the paper's."""
+"""A simulated platoon as figures: profiles, time-space diagram, growth, map, the paper's."""
 
 import colorsys
 import html
@@ -19,6 +19,7 @@ from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
+from accpinn.results.messages.stability import three
 from accpinn.results.reproduction import PANEL_FOLLOWERS, PANELS
 from accpinn.results.vehicles import Cast
 from accpinn.segment import Segment
@@ -26,6 +27,8 @@ from accpinn.units import FloatArray, Metres, Seconds, stretches
 
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
+PREDICTION_RIM = 0.3
+"""How far an axis goes on for a linear prediction, as a share of what the vehicles span."""
 POINTS = 800
 """Largest number of points a line of a profile."""
 COLUMNS = 240
@@ -134,6 +137,12 @@ def profiles(
             speeds, gaps = linear.speeds[rows, k + 1], linear.gaps[rows, k]
             _draw(chart, linear.time[rows], f"{label}, linear", paints[k + 1], speeds, gaps,
                   width=1.2, dash="dash", opacity=MEASURED_OPACITY)  # fmt: skip
+        if not measured:
+            for axis, shown, predicted in (
+                ("y1", driven.speeds[rows], linear.speeds[rows]),
+                ("y2", driven.gaps[rows], linear.gaps[rows]),
+            ):
+                chart.axis(axis, range=_limits(shown, predicted))
     for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
         below = driven.gaps[rows, k - 1] if k else None
         _draw(chart, driven.time[rows], cast.labels[k], paints[k], driven.speeds[rows, k],
@@ -142,6 +151,14 @@ def profiles(
         chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
     _draw_collisions(chart, run, span)
     return chart.figure()
+
+
+def _limits(shown: FloatArray, predicted: FloatArray) -> list[float]:
+    """Limits of an axis, which a prediction that is far off may leave."""
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    rim = PREDICTION_RIM * (high - low)
+    inside = np.clip(predicted[np.isfinite(predicted)], low - rim, high + rim)
+    return style.limits(np.concatenate([shown.ravel(), inside]))
 
 
 def _draw(
@@ -209,13 +226,12 @@ def time_space(
     final = [places[at, k] for k, at in enumerate(last)]
     collided = [k for k in _colliding(run) if last[k] < len(rows) - 1]
     chart = style.Chart(
-        f"platoon-time-space-{view}", height,
-        coloraxis={
-            "colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit,
-            "colorbar": {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12,
-                         "x": 1.06},
-        },
+        f"platoon-time-space-{view}", height, margin={"l": 62, "r": 22, "t": 28, "b": 42},
     )  # fmt: skip
+    ends = ((0.0, middle - limit), (0.5, middle), (1.0, middle + limit))
+    shades = (f'<span style="color:{sample_colorscale(TRACK_SCALE, [at])[0]}">■</span> {speed:.1f}'
+              for at, speed in ends)  # fmt: skip
+    chart.words(f"{'  '.join(shades)} m/s", 1, 1, yanchor="bottom")
     # One line with gaps answers to the pointer, as each trace costs the browser milliseconds.
     chart.add(
         np.tile(np.append(time, np.nan), len(cast.labels)).astype(np.float32),
@@ -229,9 +245,6 @@ def time_space(
               text=[f" {number}" for number in cast.numbers], hoverinfo="skip")  # fmt: skip
     at = time[[last[k] for k in collided]]
     chart.dots(at, [final[k] for k in collided], ENDS, hover=ENDS, marker=END)
-    # Draws nothing: it brings the bar that says which colour is which speed.
-    scale = {"color": [middle - limit, middle + limit], "coloraxis": "coloraxis"}
-    chart.dots([None, None], [None, None], marker=scale)
     seen = {"road": "on the road", "leader": "seen from leader",
             "observer": f"relative to {mean:.1f} m/s"}  # fmt: skip
     chart.axis("x", TIME.axis)
@@ -265,45 +278,55 @@ def _draw_tracks(
                   hoverinfo="skip", line={"color": colour, "width": 3})  # fmt: skip
 
 
-def amplitude_by_vehicle(
-    run: PlatoonRun, cast: Cast, in_db: bool, recorded: Segment | None = None
+def growth_by_vehicle(
+    run: PlatoonRun, cast: Cast, recorded: Segment | None = None, height: int = 380
 ) -> go.Figure:
-    """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|.
+    """How many times the leader's amplitude each vehicle's is, as bars: of speed, once settled.
 
-    For a vehicle that does not drive to the end it is the largest deviation so far. Beside a run
-    behind a recorded leader stands what the vehicles themselves did.
+    Behind a leader that is no sinusoid it is the largest deviation; for a vehicle that does not
+    drive to the end that so far, in outline. A tick marks what |H(jω)| predicts, a diamond what the
+    vehicles themselves did behind a recorded leader. The height is in pixels.
     """
     wave, driving = run.amplitudes, run.survivors
-    measured = wave.measured if wave else run.largest_deviation
-    places, collided = np.arange(len(cast.labels)), driving < len(cast.labels)
-    unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
-    chart = style.Chart(
-        "platoon-amplitude", 380, showlegend=bool(wave or recorded) or collided,
-        legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 42},
-    )  # fmt: skip
-    if wave:
-        hover = f"predicted %{{y:.3f}} {unit}<extra></extra>"
-        chart.line(places, scaled(wave.predicted), "Predicted by |H(jω)|", width=2.5, hover=hover)
-    names = np.array([html.escape(label) for label in cast.labels])
-    away = recorded.measured_speeds - run.leader.speed if recorded else np.empty((1, 0))
-    moved = np.fmax.reduce(np.abs(away))
-    for name, values, part, symbol in (
-        ("Simulated", measured, slice(None, driving), "circle"),
-        ("Largest deviation before the collision", run.largest_deviation, slice(driving, None),
-         "circle-open"),
-        ("Recorded", moved, slice(0, len(moved)), "diamond-open"),
-    ):  # fmt: skip
+    sizes = wave.measured if wave else run.largest_deviation
+    sizes = np.where(np.arange(len(sizes)) < driving, sizes, run.largest_deviation)
+    base = sizes[0] if sizes[0] > 0 else np.nan
+    growth, places, paints = sizes / base, np.arange(len(sizes)), colours_of(cast)
+    names = [html.escape(label) for label in cast.labels]
+    chart = style.Chart("platoon-growth", height, bargap=0.25)
+    told = {len(growth) - 1, int(np.nan_to_num(growth).argmax())}
+    for part, name, look in (
+        (slice(0, driving), "Simulated", {}),
+        (slice(driving, None), "Before the collision", {"pattern": {"shape": "/", "size": 5}}),
+    ):
         if len(places[part]):
-            chart.line(
-                places[part], scaled(values)[part], name, width=1.5, text=names[part],
-                hover=f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
-                mode="markers" if wave or part.start else "lines+markers",
-                marker={"size": 10, "color": colours_of(cast)[part], "symbol": symbol,
-                        "line": {"width": 2}},
+            values = growth[part]
+            chart.add(
+                places[part], values, name, type="bar", marker={"color": paints[part], **look},
+                text=[f"{three(v)}×" if k in told and np.isfinite(v) else ""
+                      for k, v in zip(places[part].tolist(), values.tolist(), strict=True)],
+                textposition="outside", textangle=0, constraintext="none",
+                cliponaxis=False, customdata=sizes[part],
+                hovertext=names[part], hovertemplate="%{hovertext}<br>%{y:.3g} × the leader's,"
+                " %{customdata:.3f} m/s<extra></extra>",
             )  # fmt: skip
-    what = "Amplitude of speed" if wave else "Largest speed deviation"
-    rangemode = "normal" if in_db else "tozero"
-    chart.axis("y", f"{what} [{'dB re leader' if in_db else unit}]", rangemode=rangemode)
+    if wave:
+        chart.dots(
+            places, wave.predicted / base, "Predicted by |H(jω)|",
+            hover="predicted %{y:.3g} ×<extra></extra>",
+            marker={"symbol": "line-ew", "size": 16, "line": {"width": 2, "color": style.LEADER}},
+        )  # fmt: skip
+    if recorded:
+        moved = np.fmax.reduce(np.abs(recorded.measured_speeds - run.leader.speed))
+        chart.dots(
+            places[: len(moved)], moved / base, "Recorded",
+            hover="recorded %{y:.3g} ×<extra></extra>",
+            marker={"symbol": "diamond-open", "size": 10, "color": style.MODEL,
+                    "line": {"width": 2}},
+        )  # fmt: skip
+    chart.level("y", 1, {"color": style.LEADER, "width": 1, "dash": "dash"})
+    what = "Amplitude" if wave else "Largest deviation"
+    chart.axis("y", f"{what} [× the leader's]", rangemode="tozero")
     _mark_vehicles(chart, "x", cast)
     return chart.figure()
 
@@ -312,12 +335,6 @@ def _mark_vehicles(chart: style.Chart, axis: str, cast: Cast) -> None:
     """Give an axis a tick for each vehicle."""
     title = PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
     chart.axis(axis, title, tickvals=np.arange(len(cast.labels)), ticktext=cast.numbers)
-
-
-def _decibels(values: FloatArray) -> FloatArray:
-    """Relative to the leader's; nan where there is nothing to compare."""
-    base = values[0] if values[0] > 0 else np.nan
-    return np.asarray(20 * np.log10(np.maximum(values / base, 1e-12)))
 
 
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
@@ -356,10 +373,10 @@ def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
 
 
 @cache
-def paper_panels(height: int = 300) -> tuple[tuple[str, go.Figure], ...]:
+def paper_panels(height: int = 300) -> tuple[go.Figure, ...]:
     """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
 
-    Row by row, two a row, each with its title, all on one scale. The height is in pixels.
+    Row by row, two a row, all on one scale. The height is in pixels.
     """
     runs = [
         simulate_platoon(
@@ -373,13 +390,17 @@ def paper_panels(height: int = 300) -> tuple[tuple[str, go.Figure], ...]:
         cast = Cast(ASTAZERO, (panel.vehicle,) * PANEL_FOLLOWERS)
         driven, name = run.trajectories, ASTAZERO.labels[panel.vehicle]
         paints = colours_of(cast)
-        chart = style.Chart(f"platoon-panel-{panel.letter}", height, channels=(SPEED,))
+        chart = style.Chart(
+            f"platoon-panel-{panel.letter}", height, channels=(SPEED,),
+            margin={"l": 62, "r": 14, "t": 24, "b": 42},
+        )  # fmt: skip
         chart.axis("y", range=[run.leader.speed - reach, run.leader.speed + reach])
         for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
             _draw(chart, driven.time, cast.labels[j], paints[j], driven.speeds[:, j],
                   points=PANEL_POINTS, width=WIDTHS[j > 0], legendrank=j)  # fmt: skip
-        title = f"({panel.letter}) {name} at {panel.frequency:g} rad/s: {_fate(run)}"
-        panels.append((title, chart.figure()))
+        title = f"({panel.letter}) {name.split()[0]}, {panel.frequency:g} rad/s: {_fate(run)}"
+        chart.words(title, 0, 1, yanchor="bottom", xshift=-50)
+        panels.append(chart.figure())
     return tuple(panels)
 
 

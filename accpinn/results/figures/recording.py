@@ -5,6 +5,7 @@ Vehicle names come from files, so they are escaped: plotly reads a little HTML.
 
 from collections.abc import Mapping, Sequence, Set
 from itertools import product
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,12 +13,25 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
+from accpinn.findings import Labelled
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
+from accpinn.results.figures.strip import STYLE
+from accpinn.results.messages import messages
+from accpinn.results.recording import FIGURES, MEANING, WORDS, RatedWindow, figure_of
+from accpinn.results.tables import template
 from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
-from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, REGIMES, STANDSTILL, Regimes
+from accpinn.segment.quality import (
+    CATCHING_UP,
+    FOLLOWING,
+    MANUAL,
+    REGIMES,
+    STANDSTILL,
+    Grade,
+    Regimes,
+)
 from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -43,6 +57,14 @@ DRIVERS: Looks = {
 MISSED = len(REGIME_COLOURS)
 """The code of an instant without a sample, beside those of the regimes."""
 
+GRADE_GLYPHS = {Grade.GOOD: "✓", Grade.FAIR: "▲", Grade.POOR: "✗", Grade.UNKNOWN: "?"}
+GRADE_COLOURS = {
+    Grade.GOOD: "#18a070",
+    Grade.FAIR: "#b07d00",
+    Grade.POOR: MISSING,
+    Grade.UNKNOWN: style.LEADER,
+}
+"""Colour of each grade's mark on a chart; the marks differ in shape."""
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
 """What each view of a recording draws, a panel each."""
@@ -70,13 +92,14 @@ def overview(
     ribbons: Sequence[Sequence[style.Part]] = (),
     view: View = "motion",
     highlight: int = 0,
-    several: Sequence[Window] = (),
+    several: Sequence[RatedWindow] = (),
 ) -> go.Figure:
     """A whole recording over time, the window on it, and what each vehicle does.
 
     The chosen vehicles, leader first, are not faint; with the number of a follower to highlight,
     these are only that and the one ahead of it. Ribbons are strips of bars, from the top down (see
-    `driver_ribbons` and `regime_ribbons`); several windows may be chosen in place of the one.
+    `driver_ribbons` and `regime_ribbons`). Several windows may stand in place of the one, with
+    their numbers: those that are used are shaded, the others have dotted ends.
     """
     strips = [traces for traces in ribbons if traces]
     drawn = _curves(recording, vehicles, view)
@@ -86,16 +109,27 @@ def overview(
     # The margins are these, so that the handles below can stand under the axis.
     chart = style.Chart(
         f"overview-{recording.sha256}", round(sum(pixels)) + 50,
-        style.stack(*pixels, spacing=0.03), CHANNELS[view], dragmode="select", selectdirection="h",
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
+        style.stack(*pixels, spacing=0.03), CHANNELS[view], selectdirection="h",
+        dragmode=False if several else "select",
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 22 if several else 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, recording.duration])
-    chart.axis("y*", fixedrange=True, standoff=6)
-    for part in several or (window,):
+    chart.axis("y*", fixedrange=True)
+    rows = several or (RatedWindow(0, window, is_used=True),)
+    for row in rows:
         chart.shape(
-            {"type": "rect", "xref": "x", "yref": "paper", "x0": part.start, "x1": part.end,
-             "y0": 0, "y1": 1, "fillcolor": WINDOW, "layer": "below",
-             "line": {"color": style.FOLLOWERS[0], "width": 1.5}}
+            {"type": "rect", "xref": "x", "yref": "paper", "x0": row.window.start,
+             "x1": row.window.end, "y0": 0, "y1": 1, "layer": "below",
+             "fillcolor": WINDOW if row.is_used else style.CLEAR,
+             "line": {"color": style.FOLLOWERS[0], "width": 1.5 if row.is_used else 1,
+                      "dash": "solid" if row.is_used else "dot"}}
+        )  # fmt: skip
+    for row in several:
+        text = f"{row.number} {GRADE_GLYPHS[row.grade]}" if row.is_used else f"{row.number}"
+        chart.words(
+            text, (row.window.start + row.window.end) / 2, 1.0, xref="x", yref="paper",
+            xanchor="center", yanchor="bottom",
+            font={"size": 12, "color": GRADE_COLOURS[row.grade] if row.is_used else style.LEADER},
         )  # fmt: skip
     strong = {highlight} if highlight else {*vehicles[1:]}
     if view == "time gap":
@@ -126,16 +160,51 @@ def overview(
     return chart.figure()
 
 
+WINDOWS_STYLE = STYLE + (
+    f"<style>\n{(Path(__file__).parent / 'windows.css').read_text(encoding='utf-8')}</style>"
+)
+"""What `windows_html` needs once on a page."""
+
+
+def windows_html(rows: Sequence[RatedWindow], about: Labelled) -> str:
+    """The windows as HTML: a row each, with a mark and a number for each check.
+
+    The reason for a mark is shown on hover, on focus and so on tap; `WINDOWS_STYLE` belongs to it.
+    """
+    drawn = [
+        {
+            "row": row,
+            "checks": [
+                {
+                    "glyph": GRADE_GLYPHS[rating.grade],
+                    "grade": rating.grade.name.lower(),
+                    "figure": figure_of(rating),
+                    "name": FIGURES[rating.question].title,
+                    "why": " ".join(
+                        [f"{WORDS[rating.question][rating.grade]}: {figure_of(rating)}.",
+                         *messages(rating.findings, about)]
+                    ),
+                }
+                for rating in row.ratings
+            ],
+        }
+        for row in rows
+    ]  # fmt: skip
+    return template("figures/windows.html").render(
+        rows=drawn, columns=[(FIGURES[question], MEANING[question]) for question in FIGURES]
+    )
+
+
 def beginning(recording: Recording) -> go.Figure:
     """Speeds and gaps of the first minutes, small, to see whether columns and units are right."""
     end = min(recording.duration, BEGINNING)
     rows = recording.rows(Window(0.0, end))
     chart = style.Chart(
         f"beginning-{recording.digest}", 250, style.stack(0.5, 0.5, spacing=0.06), (SPEED, GAP),
-        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 40},
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 49},
     )  # fmt: skip
     chart.axis("x*", range=[0, end])
-    chart.axis("y*", fixedrange=True, standoff=6)
+    chart.axis("y*", fixedrange=True)
     leader, *followers = recording.present
     for panel, number, values in _curves(recording, recording.present, "motion"):
         chart.line(

@@ -2,9 +2,7 @@
 
 import html
 import re
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,18 +16,15 @@ from accpinn.results.figures import style
 from accpinn.results.reproduction import PANELS, TEXT_PEAK, TEXT_PEAK_AT
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import StabilityReport, stability_report
-from accpinn.stability.criteria import (
-    response,
-    smallest_headway_exact,
-    smallest_headway_l2,
-    smallest_headway_paper,
-)
+from accpinn.stability.criteria import response, smallest_beta_l2, smallest_headway_exact
+from accpinn.stability.lagged import is_lagged
+from accpinn.stability.margin import l2_headways
 from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.stability.region import AXES, Limits, Plane, Region, stable_region
 from accpinn.units import FloatArray, RadiansPerSecond, interval_ends
 
-Plane = Literal["beta", "alpha"]
-"""The parameter on a map's horizontal axis; τ is on the vertical one."""
-
+QUANTITIES = (ALPHA, BETA, TAU)
+"""What stands on a map's axes, by its place in `Parameters`."""
 L2, PAPER, EXACT = style.SERIES[0], style.LEADER, style.MODEL
 """Colours of the three criteria; vehicles have others."""
 L2_UNSTABLE = "rgba(194, 47, 79, 0.10)"
@@ -37,13 +32,6 @@ ONLY_LINF_UNSTABLE = "rgba(214, 140, 40, 0.14)"
 STABLE = "rgba(85, 144, 15, 0.12)"
 LIMIT: style.Part = {"color": style.LEADER, "width": 1.2}
 """The line between amplified and damped."""
-
-BOUNDARIES = {
-    "L₂": (smallest_headway_l2, L2, "solid"),
-    "L∞, paper": (smallest_headway_paper, PAPER, "dash"),
-    "L∞, exact": (smallest_headway_exact, EXACT, "solid"),
-}
-"""The smallest stable τ by each criterion, and how a map draws it."""
 
 MAKE_END = re.compile(r"(?<=[^\W\d]) ")
 """Where a vehicle's name is broken below an axis: behind its make."""
@@ -76,10 +64,10 @@ CLOUD = 300
 """Draws shown of each vehicle; more only make the cloud darker."""
 BAND_POINTS = 120
 """Points of a band along the frequencies."""
-ACROSS: Mapping[Plane, int] = {"alpha": 0, "beta": 1}
-"""Index of the parameter on a map's horizontal axis."""
 PAPER_TOP = 4.2
 """Top of the paper's Bode plots in dB, above every peak of its Table III."""
+LEAST_SEEN = 0.08
+"""Share of a map's height that a region takes, at least, so that its name is written there."""
 LEAST_PEAK = 4.0
 """Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
@@ -264,29 +252,40 @@ def criteria_by_vehicle(subject: KnownVehicles) -> go.Figure:
 
 
 def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
-    """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
+    """Where the criteria's boundaries run in a plane of two parameters, and the vehicles on it.
 
-    The map keeps the third parameter of the vehicle of index ``held``: the plane "beta" its α,
-    "alpha" its β. The uncertainty adds parameter sets consistent with the data; one with α = 0 has
-    no time headway, hence no place on the map.
+    The map keeps the third parameter, the lag and the delay of the vehicle of index ``held``, and
+    says so. The uncertainty adds parameter sets consistent with the data; one with α = 0 has no
+    time headway, hence no place in a plane with τ.
     """
-    vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
-    chart = style.Chart(f"map-{plane}-{held}", 400)
-    kept, along_beta = vehicles.parameters[held], plane == "beta"
-    across_map = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
-    right = max(1.35 * max(across_map), 0.6 if along_beta else 0.15)
-    along = np.linspace(right / ALONG, right, ALONG)
-    grid = Parameters(kept.alpha, along, 0.0) if along_beta else Parameters(along, kept.beta, 0.0)
-    edges = {name: headway(grid) for name, (headway, _, _) in BOUNDARIES.items()}
-    top = _highest(vehicles, report, held)
+    vehicles, uncertainty = subject.vehicles, subject.uncertainty
+    chart = style.Chart(
+        f"map-{plane}-{held}", 420, margin={"l": 62, "r": 14, "t": 30, "b": 42}, hoverdistance=30
+    )
+    kept, (first, second) = vehicles.parameters[held], AXES[plane]
+    x, y = (vehicles.parameters.complete[:, place] for place in (first, second))
+    right, top = _right(x, first), _top(y, second, kept)
+    region = stable_region(kept, plane, right, top)
     if uncertainty:
         _draw_clouds(chart, vehicles, uncertainty, plane)
-    _draw_regions(chart, along, edges, top)
-    for name, (_, colour, dash) in BOUNDARIES.items():
-        hover = f"{name}: stable from τ = %{{y:.2f}} s on<extra></extra>"
-        chart.line(along, edges[name], name, colour, 2, dash, hover=hover)
+    _draw_regions(chart, region, top)
+    up = QUANTITIES[second]
+    for name, (limits, colour, dash) in {
+        "L₂": (region.l2, L2, "solid"),
+        "L∞, paper": (region.paper, PAPER, "dash"),
+        "L∞, exact": (region.linf, EXACT, "solid"),
+    }.items():
+        hover = f"{name}: stable from {up.symbol} = %{{y:.3g}} {up.unit} on<extra></extra>"
+        chart.line(region.across, limits.lower, name, colour, 2, dash, hover=hover)
+        if (limits.upper < 2 * top).any():
+            hover = f"{name}: stable up to {up.symbol} = %{{y:.3g}} {up.unit}<extra></extra>"
+            high = np.where(limits.upper < 2 * top, limits.upper, np.nan)
+            chart.line(
+                region.across, high, f"{name}, largest", colour, 2, dash, hover=hover,
+                showlegend=False,
+            )  # fmt: skip
     chart.dots(
-        across_map, vehicles.parameters.tau, hover="%{text}<extra></extra>",
+        x, y, hover="%{text}<extra></extra>",
         text=[
             f"{html.escape(label)}<br>α {p.alpha:.4g}, β {p.beta:.4g}, τ {p.tau:.4g}"
             for label, p in zip(vehicles.labels, vehicles.parameters, strict=True)
@@ -296,54 +295,117 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
             "symbol": ["circle" if k == held else "circle-open" for k in range(len(vehicles))],
         },
     )  # fmt: skip
-    for name, quantity, end in (("x", BETA if along_beta else ALPHA, right), ("y", TAU, top)):
+    for name, quantity, end in (("x", QUANTITIES[first], right), ("y", up, top)):
         heading = f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]"
         chart.axis(name, heading, range=[0, end])
-    chart.words("L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside the hatching
-    chart.words("L∞ stable", 0.985, 0.985)
+    is_along_alpha = plane == "alpha"
+    chart.words("L₂ unstable", 0.985 if is_along_alpha else 0.015, 0.015)  # beside the hatching
+    _name_stable(chart, region, right, top)
+    chart.words(
+        f"with {held_text(kept, plane)} of {html.escape(vehicles.labels[held])}", 0.0, 1.0,
+        yanchor="bottom",
+    )  # fmt: skip
     return chart.figure()
 
 
-def _highest(vehicles: ParameterSet, report: StabilityReport, held: int) -> float:
-    """The map's upper edge in s: above all vehicles, and above what the held one needs."""
-    needed = report.vehicles[held].smallest_tau
-    taus = [float(vehicle.tau) for vehicle in vehicles.parameters if vehicle.alpha]
-    wanted = [*taus, needed.linf_exact if needed else 0.0, 2.0]
-    return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
+def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -> None:
+    """Write what is stable into the widest column of the region that is seen."""
+    for limits, text in ((region.linf, "L∞ stable"), (region.l2, "L₂ stable")):
+        seen = np.minimum(limits.upper, top) - limits.lower
+        if np.nanmax(np.append(seen, 0.0)) > LEAST_SEEN * top:
+            k = int(np.nanargmax(seen))
+            chart.words(
+                text, float(np.clip(region.across[k], 0.08 * right, 0.92 * right)),
+                float(limits.lower[k] + 0.6 * seen[k]), xref="x", yref="y", xanchor="center",
+                yanchor="middle",
+            )  # fmt: skip
+            return
+    if not (region.l2.lower < top).any():
+        chart.words("nothing here is L₂ stable", 0.5, 0.9, xanchor="center")
 
 
-def _draw_regions(
-    chart: style.Chart, along: FloatArray, edges: Mapping[str, FloatArray], top: float
-) -> None:
+def held_text(vehicle: Parameters, plane: Plane) -> str:
+    """What a map keeps of a vehicle, as "α 0.073, d 0.55 s"."""
+    third = ({0, 1, 2} - {*AXES[plane]}).pop()
+    quantity = QUANTITIES[third]
+    unit = f" {quantity.unit}" if quantity is TAU else ""
+    parts = [f"{quantity.symbol} {vehicle.complete[third]:.3g}{unit}"]
+    terms = (("s₀", vehicle.s0, "m"), ("λ", vehicle.lag, "s"), ("d", vehicle.delay, "s"))
+    return ", ".join(
+        [*parts, *(f"{name} {value:.2g} {unit}" for name, value, unit in terms if value)]
+    )
+
+
+def _right(values: FloatArray, place: int) -> float:
+    """The right end of a map's axis of α or β, beyond all vehicles."""
+    return max(1.35 * _most(values), (0.15, 0.6)[place])
+
+
+def _top(values: FloatArray, place: int, held: Parameters) -> float:
+    """The upper end of a map's axis of β or τ: beyond all vehicles, and what the held one needs."""
+    most = _most(values)
+    if place == 1:
+        needed = float(smallest_beta_l2(np.array(held.alpha), held.tau)) if held.tau > 0 else 0.0
+        return max(_right(values, place), min(1.25 * needed, 3.0 * most))
+    needed = float(l2_headways(held[None]).smallest[0])
+    if held.alpha and not is_lagged(held):
+        needed = float(smallest_headway_exact(held))
+    wanted = max(most, needed if np.isfinite(needed) else 0.0, 2.0)
+    return float(min(1.2 * wanted, max(12.0, 1.2 * most)))
+
+
+def _most(values: FloatArray) -> float:
+    return float(values[np.isfinite(values)].max(initial=0.0))
+
+
+def _draw_regions(chart: style.Chart, region: Region, top: float) -> None:
     """Fill areas from below: L₂ unstable, only L∞ unstable, stable; hatch where the paper errs."""
-    l2, paper, exact = edges.values()
-    exact = np.minimum(exact, 2 * top)
-    paper = np.minimum(paper, exact)
+    roof = 2.0 * top
+    l2, linf = (_closed(limits, roof) for limits in (region.l2, region.linf))
+    linf = np.clip(linf[0], *l2), np.clip(linf[1], *l2)
+    paper = np.minimum(region.paper.lower, roof)
     layers: list[tuple[FloatArray, style.Part]] = [
-        (np.zeros_like(exact), {}),
-        (np.minimum(l2, 2 * top), {"fillcolor": L2_UNSTABLE}),
-        (exact, {"fillcolor": ONLY_LINF_UNSTABLE}),
-        (np.maximum(exact, 2 * top), {"fillcolor": STABLE}),
+        (np.zeros_like(paper), {}),
+        (l2[0], {"fillcolor": L2_UNSTABLE}),
+        (linf[0], {"fillcolor": ONLY_LINF_UNSTABLE}),
+        (linf[1], {"fillcolor": STABLE}),
+        (l2[1], {"fillcolor": ONLY_LINF_UNSTABLE}),
+        (np.full_like(paper, roof), {"fillcolor": L2_UNSTABLE}),
     ]
-    if (paper < exact).any():
+    # Where the paper's criterion holds and the exact one does not, below what is stable.
+    end = np.where(np.isnan(region.linf.lower), roof, linf[0])
+    begin = np.minimum(paper, end)
+    if (begin < end).any():
         hatching = {"shape": "/", "fgcolor": PAPER, "bgcolor": style.CLEAR, "size": 9,
                     "solidity": 0.12}  # fmt: skip
-        layers += [(paper, {}), (exact, {"fillcolor": style.CLEAR, "fillpattern": hatching})]
+        layers += [(begin, {}), (end, {"fillcolor": style.CLEAR, "fillpattern": hatching})]
     for values, look in layers:
-        chart.add(along, values, mode="lines", line={"width": 0}, hoverinfo="skip",
+        chart.add(region.across, values, mode="lines", line={"width": 0}, hoverinfo="skip",
                   showlegend=False, fill="tonexty" if look else None, **look)  # fmt: skip
+
+
+def _closed(limits: Limits, roof: float) -> tuple[FloatArray, FloatArray]:
+    """Both ends (K,) for areas; where nothing is stable they are one, where the region closed."""
+    lower, upper = (np.minimum(end, roof) for end in (limits.lower, limits.upper))
+    empty = np.isnan(lower)
+    if empty.all():
+        return np.full_like(lower, roof), np.full_like(lower, roof)
+    places = np.arange(len(lower))
+    middle = np.interp(places, places[~empty], (lower[~empty] + upper[~empty]) / 2.0)
+    return np.where(empty, middle, lower), np.where(empty, middle, upper)
 
 
 def _draw_clouds(
     chart: style.Chart, vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane
 ) -> None:
     """Draw a dot for each of some posterior samples of every vehicle."""
+    first, second = AXES[plane]
     for k, colour in enumerate(colours(vehicles)):
         draws = uncertainty.draws.values[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
         chart.dots(
-            draws[:, ACROSS[plane]].round(5), draws[:, 2].round(4), f"cloud {k}", showlegend=False,
+            draws[:, first].round(5), draws[:, second].round(4), f"cloud {k}", showlegend=False,
             marker={"size": 3.5, "color": style.translucent(colour, DOT_OPACITY)},
         )  # fmt: skip
 
@@ -351,8 +413,8 @@ def _draw_clouds(
 def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
     """What the clouds show, and the share of the draws that the map does not show."""
     known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
-    right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    outside = (known[..., ACROSS[plane]] > right) | (known[..., 2] > top)
+    ends = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
+    outside = (known[..., [*AXES[plane]]] > ends).any(axis=-1)
     beyond = float(outside.mean()) if known.size else 0.0
     missing = f"; {100 * beyond:.0f} % of them lie beyond the map" if beyond >= 0.005 else ""
     return f"Clouds: parameter sets consistent with the data{missing}."

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accpinn.results import marks
 from accpinn.results.figures.style import ticks, vehicle_colour
 from accpinn.results.strip import Estimated, Strip
 from accpinn.results.tables import template
@@ -22,10 +23,15 @@ HERE = Path(__file__).parent
 STYLE = f"<style>\n{(HERE / 'strip.css').read_text(encoding='utf-8')}</style>"
 """What `strip_html` needs once on a page."""
 GLYPHS: dict[Assessment, str] = {
-    "stable": "✓",
-    "unstable": "✗",
-    "undecided": "?",
-    "not determined": "–",
+    "stable": marks.YES,
+    "unstable": marks.NO,
+    "undecided": marks.OPEN,
+    "not determined": marks.NOTHING,
+}
+TRUST: dict[bool | None, str] = {
+    True: marks.YES,
+    False: marks.AGAINST.glyph,
+    None: marks.NOTHING,
 }
 RIM = 0.06
 """Margin of an axis at either end, as a share of its length."""
@@ -66,9 +72,17 @@ class Axis:
             "at": self.at(quantity.value) if is_known else None,
             "bar": ends and (ends[0], round(ends[1] - ends[0], 2)),
             "is_cut": has_bar and quantity.upper > self.high,
+            "shape": shape_of(estimated),
             "text": text,
             "why": estimated.why,
         }
+
+
+def shape_of(estimated: Estimated) -> str:
+    """The class of a point: a ring where it is extrapolated, a square outside its interval."""
+    if estimated.is_extrapolated:
+        return "ring"
+    return "" if estimated.quantity.is_inside else "square"
 
 
 def axis_around(quantities: Sequence[Quantity], shortest: float, least: float = nan) -> Axis:
@@ -117,8 +131,10 @@ def strip_html(strip: Strip) -> str:
         for row in strip.rows
     ]
     return template("figures/strip.html").render(
-        strip=strip, rows=rows, gaps=gaps, growths=growths, glyphs=GLYPHS, one=growths.at(1.0)
-    )
+        strip=strip, rows=rows, gaps=gaps, growths=growths, glyphs=GLYPHS, trust=TRUST,
+        one=growths.at(1.0), about=marks.meaning,
+        are_points=all(row.l2.is_point for row in strip.rows),
+    )  # fmt: skip
 
 
 def _seconds(value: float) -> str:

@@ -7,6 +7,7 @@ read on light and on dark pages alike; texts take the page's colour.
 
 import html
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -45,10 +46,18 @@ LEGEND = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
 """Above a figure."""
 LINE = 20
 """Height of a line of a legend, in pixels."""
+TOLD = 5
+"""Most lines whose values the pointer tells at once."""
 POINTS = 1500
 """Largest number of points a trace; a screen has no more columns."""
 AXIS: Part = {"gridcolor": GRID, "automargin": False, "zeroline": False, "showline": False}
 """Every axis. Margins are fixed: with those that follow the labels a chart is laid out twice."""
+
+STANDOFF = {"x": 7, "y": 5}
+"""Pixels between an axis' tick labels and its title; without it plotly takes all labels to be
+short."""
+PADDING = {"pad": 0}
+"""Room between a panel and its tick labels, which plotly forgets where it places titles."""
 
 
 def vehicle_colour(number: int, leader: int) -> str:
@@ -80,7 +89,7 @@ class Figure(go.Figure):  # type: ignore[misc]  # plotly has no types
     """
 
     def __init__(self, parts: Part) -> None:
-        """Keep the parts as they are: "data", "layout" and, of an animation, "frames"."""
+        """Keep the parts as they are: "data" and "layout"."""
         self._parts = parts
 
     def __getattr__(self, name: str) -> Any:
@@ -149,30 +158,32 @@ class Chart:
             height: in pixels.
             grid: a `stack`, `row` or `matrix` of panels; by default there is one.
             channels: of a stack's panels, from the top down: titles of their axes, above time; the
-                pointer then tells all lines' values at one instant.
+                pointer then tells all lines' values at one instant, or of more than `TOLD` that of
+                the nearest: a box of so many lines would cover the chart.
             layout: further properties, in plotly's terms.
         """
         self._traces, self._shapes, self._words = list[Part](), list[Part](), list[Part]()
         self._named = set[str]()
         self._axes = {name: AXIS | look for name, look in (grid or {"x": {}, "y": {}}).items()}
         for panel, quantity in enumerate(channels, 1):
-            self.axis(f"y{panel}", quantity.axis)
+            self.axis(f"y{panel}", quantity.axis, hoverformat=f".{quantity.digits}f")
         if channels:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
+        self._has_channels = bool(channels)
         hovermode = "x unified" if channels else "closest"
+        margin = {"l": 62, "r": 14, "t": 10, "b": 49} | layout.pop("margin", {})
         self._layout = {
             "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
-            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
-            "margin": {"l": 62, "r": 14, "t": 10, "b": 42}, **layout,
+            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR, "margin": margin | PADDING,
+            "hoverlabel": {"namelength": -1}, **layout,
         }  # fmt: skip
 
-    def axis(self, name: str, title: str = "", standoff: float = 0.0, **look: Any) -> None:
+    def axis(self, name: str, title: str = "", **look: Any) -> None:
         """Set the title and look of an axis; "x" or "y" with a star sets those of all panels."""
         names = [n for n in self._axes if n[0] == name[0]] if name[1:] == "*" else [_axis(name)]
         for one in names:
             part = self._axes.setdefault(one, dict(AXIS))
-            about: Part = {"text": title} if title else {}
-            about |= {"standoff": standoff} if standoff else {}
+            about: Part = {"text": title, "standoff": STANDOFF[one[0]]} if title else {}
             part.update(look, title=part.get("title", {}) | about)
 
     def add(self, x: Any, y: Any, name: str = "", panel: int = 0, **look: Any) -> None:
@@ -254,7 +265,23 @@ class Chart:
         """The figure with all that was drawn."""
         axes = {f"{name[0]}axis{name[1:]}": axis for name, axis in self._axes.items()}
         drawn = {"shapes": self._shapes, "annotations": self._words}
+        lines = Counter(t.get("yaxis") for t in self._traces if t.get("hoverinfo") != "skip")
+        if self._layout["hovermode"] == "x unified" and max(lines.values(), default=0) > TOLD:
+            self._tell_nearest(axes)
         return Figure({"data": self._traces, "layout": self._layout | axes | drawn})
+
+    def _tell_nearest(self, axes: Mapping[str, Part]) -> None:
+        """Let the pointer tell one line's name and value, over time its instant, too."""
+        self._layout |= {"hovermode": "closest", "hoverdistance": 40, "spikedistance": -1}
+        for name, axis in axes.items():
+            if name[0] == "x":
+                axis |= {"showspikes": True, "spikemode": "across", "spikesnap": "cursor",
+                         "spikethickness": 1, "spikedash": "dot", "spikecolor": LEADER}  # fmt: skip
+        for trace in self._traces:
+            told = trace.get("hovertemplate", "")
+            if self._has_channels and "%{y" in told and "%{x" not in told:
+                value, mark, rest = told.partition("<extra>")
+                trace["hovertemplate"] = f"{value} at %{{x:.1f}} s{mark}{rest}"
 
 
 def thumbnail() -> Chart:
@@ -277,9 +304,13 @@ def stack(*heights: float, spacing: float = 0.05) -> Mapping[str, Part]:
     )
 
 
-def row(count: int, spacing: float) -> Mapping[str, Part]:
-    """Panels beside each other with one vertical scale."""
-    return _grid(rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing)
+def row(
+    count: int, spacing: float, widths: tuple[float, ...] | None = None
+) -> Mapping[str, Part]:  # fmt: skip
+    """Panels beside each other with one vertical scale, by default of one width."""
+    return _grid(
+        rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing, column_widths=widths
+    )
 
 
 def matrix(count: int) -> Mapping[str, Part]:
@@ -365,6 +396,13 @@ def with_legend(figure: go.Figure) -> Figure:
         else:
             layout["legend"] = dict(LEGEND)
             layout["margin"]["t"] = max(layout["margin"].get("t", 0), 34)
+    return Figure(parts)
+
+
+def in_height(figure: go.Figure, height: int) -> Figure:
+    """The figure in another height, in pixels."""
+    parts = parts_of(figure)
+    parts["layout"]["height"] = height
     return Figure(parts)
 
 

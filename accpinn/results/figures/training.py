@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, TIME, Quantity
+from accpinn.channels import DISTURBANCE, GAP, SPEED, TIME, Quantity
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods.estimate import History, of_window
 from accpinn.methods.registry import METHODS
@@ -25,78 +25,128 @@ from accpinn.units import FloatArray, Mask, Seconds
 
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
-HISTORY_HEIGHT = 225
+COURSE = 480
+"""Usual height of the course of an estimation, in pixels."""
+LOSS_SHARE = 0.28
+"""Share of that height that the loss has."""
+COURSE_POINTS, MOMENTS = 400, 80
+"""Points of a line of the course, and moments that can be chosen."""
+MARK, MARK_LINE = "chosen iteration", {"color": style.MODEL, "width": 1.5, "dash": "dot"}
+"""Name of the points that mark a moment, and the line through them."""
+UNSOUGHT = 0.5
+"""Ends of the axis of a parameter that is zero throughout."""
 FEW = 30
 """Moments of a training up to which each is marked."""
 VISIBLE = 0.1
 """Least change of the log likelihood that fills the height of its chart."""
+FIRST_STEPS = 0.1
+"""Share of the iterations whose log likelihood may lie below its axis."""
 LONG = 100
 """Iterations from which their axis is logarithmic."""
 GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
-DATA, SIMULATION = "data", "simulation"
-"""The names of the lines that are measured, and by the estimate behind the vehicle ahead."""
-TITLES = {parameter.key: parameter.name for parameter in PARAMETERS} | {
-    "s0": "Intercept", "lag": "Lag", "delay": "Delay",
-}  # fmt: skip
-"""Titles of the charts of a CTHP's parameters; those of another model name it."""
+DATA, NETWORK, SIMULATION = "data", "network", "simulation"
+"""The names of the lines that are measured, the network's, and by the estimate behind the vehicle
+ahead."""
 FURTHER, TYPICAL = 0.14, 0.28
 """Opacity of the bands of a further window and of the typical value."""
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 
 
-class _Course(style.Chart):
-    """A small panel over the iterations of a training."""
+def course(
+    history: History,
+    segment: SegmentInfo,
+    model: str = PAPER,
+    truth: Parameters | None = None,
+    *,
+    moment: int | None = None,
+    height: int = COURSE,
+) -> go.Figure:
+    """What is optimised and each parameter over the iterations, one panel below the other.
 
-    def __init__(self, history: History, title: str, key: str) -> None:
-        head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-        margin = {"l": 62, "r": 14, "t": 34, "b": 42}
-        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
-        self.axis("x", "Iteration")
-        is_long = history.iteration.max(initial=0) >= LONG
-        if is_long:  # some dozens are seen better on another axis
-            self.axis("x", type="log", dtick=1)
-        # A logarithmic axis has no zero.
-        self.iterations = np.maximum(history.iteration, 1.0 if is_long else 0.0)
+    A loss has a logarithmic axis. The log likelihood is drawn as its difference from the last
+    value, as it has too many digits for an axis.
 
-    def course(
-        self, values: FloatArray, name: str, colour: str, width: float = 2, **look: Any
-    ) -> None:
-        """Draw (K,) values; few of them are marked."""
-        look |= {"mode": "lines+markers" if len(values) <= FEW else "lines", "marker": {"size": 4}}
-        self.line(self.iterations, values, name, colour, width, **look)
-
-
-def training_figures(
-    history: History, segment: SegmentInfo, model: str = PAPER, truth: Parameters | None = None
-) -> dict[str, go.Figure]:
-    """What is optimised and the parameters over iterations, by name.
-
-    The arguments are of `parameter_history`.
+    Args:
+        history: of the estimation, also of one that runs.
+        segment: the vehicles.
+        model: whose parameters they are.
+        truth: the true ones, one entry a follower, dashed where they are of the model's kind.
+        moment: index of an entry of the history that is marked in every panel.
+        height: in pixels.
     """
-    return {"loss": loss_history(history)} | {
-        name: parameter_history(history, which, segment, truth, model)
-        for which, name in enumerate(FOLLOWING[model].names)
-    }
+    names = FOLLOWING[model].names
+    shares = [LOSS_SHARE, *[(1.0 - LOSS_SHARE) / len(names)] * len(names)]
+    chart = style.Chart(
+        "course", height, style.stack(*shares, spacing=0.03), hovermode="x unified",
+        margin={"l": 66, "r": 14, "t": 24, "b": 42},
+    )  # fmt: skip
+    is_long = history.iteration.max(initial=0) >= LONG
+    # A logarithmic axis has no zero, and some dozens are seen better on another one.
+    at = np.maximum(history.iteration, 1.0 if is_long else 0.0)
+    if is_long:
+        chart.axis("x*", type="log", dtick=1)
+    chart.axis("x*", range=_along(at, is_long))
+    chart.axis(f"x{1 + len(names)}", "Iteration")
+    marks = _loss(chart, history, at)
+    for panel, name in enumerate(names, 2):
+        marks += _parameter(chart, panel, history, at, name, segment, truth, model)
+    chart.axis("y*", nticks=4)
+    if moment is not None:
+        for panel in range(1, len(names) + 2):
+            chart.level(f"x{panel}", float(at[moment]), MARK_LINE, "below")
+        for panel, values, colour in marks:
+            chart.dots([at[moment]], [values[moment]], MARK, panel, showlegend=False,
+                       marker={"size": 8, "color": colour, "line": {"width": 1.5,
+                               "color": style.MODEL}})  # fmt: skip
+    return chart.figure()
 
 
-def loss_history(history: History) -> go.Figure:
-    """The terms of the loss over iterations, or the log likelihood where that is maximised.
+Marks = list[tuple[int, FloatArray, str]]
+"""Panel, values (K,) and colour of each line on which a moment is marked."""
 
-    Losses have logarithmic axes; the title is the key to their colours. The log likelihood is drawn
-    as its difference from the last value, as it has too many digits for an axis.
-    """
+
+def _along(at: FloatArray, is_long: bool) -> list[float]:
+    """Limits of the axis of iterations."""
+    low, high = float(at.min(initial=0.0)), max(float(at.max(initial=0.0)), 1.0)
+    if is_long:
+        return [0.0, float(np.log10(high)) * 1.02]
+    rim = 0.02 * (high - low)
+    return [low - rim, high + rim]
+
+
+def _line(
+    chart: style.Chart, panel: int, at: FloatArray, values: FloatArray, name: str, colour: str,
+    **look: Any,
+) -> None:  # fmt: skip
+    """Draw (K,) values in a panel; few of them are marked."""
+    look |= {"mode": "lines+markers" if len(values) <= FEW else "lines", "marker": {"size": 4}}
+    chart.line(at, values, name, colour, panel=panel, points=COURSE_POINTS, **look)
+
+
+def _loss(chart: style.Chart, history: History, at: FloatArray) -> Marks:
+    """The terms of the loss, or the log likelihood where that is maximised, in the first panel."""
+    if not np.isfinite(history.data).any() and history.log_likelihood is None:
+        # The objective of a simulation is no sum of squares, and may be below zero.
+        falling = history.total - history.total[-1]
+        _line(chart, 1, at, falling, "objective", style.MODEL, hover="%{y:.4g}",
+              showlegend=False)  # fmt: skip
+        limits = style.limits(falling) or None
+        chart.axis("y1", "Objective − last", tickformat="~s", range=limits)
+        return [(1, falling, style.MODEL)]
     if history.log_likelihood is not None:
         rising = history.log_likelihood - history.log_likelihood[-1]
-        chart = _Course(history, "Log likelihood", "loss")
-        chart.course(rising, "log likelihood", style.MODEL, hover="%{y:.4g}", showlegend=False)
+        _line(chart, 1, at, rising, "log likelihood", style.MODEL, hover="%{y:.4g}",
+              showlegend=False)  # fmt: skip
         top = float(np.nanmax(rising, initial=0.0))
-        span = max(VISIBLE, top - float(np.nanmin(rising, initial=0.0)))
-        chart.axis("y", "Log likelihood minus its last value", exponentformat="none",
+        # The first steps rise so much that all later ones would look level.
+        later = rising[int(FIRST_STEPS * len(rising)) :]
+        span = max(VISIBLE, top - float(np.nanmin(later, initial=0.0)))
+        chart.axis("y1", "log L − last", tickformat="~s",
                    range=[top - 1.05 * span, top + 0.05 * span])  # fmt: skip
-        return chart.figure()
+        return [(1, rising, style.MODEL)]
     terms = (
         ("Ψ", "total", history.total, style.LEADER, 3.0),
         ("Ψ<sub>D</sub>", "data", history.data, style.SERIES[0], 1.5),
@@ -104,50 +154,54 @@ def loss_history(history: History) -> go.Figure:
         ("Ψ<sub>R</sub>", "start", history.initial, style.SERIES[2], 1.5),
     )
     used = [term for term in terms if np.nan_to_num(term[2]).any()]
-    spans = ", ".join(
-        f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used
-    )
-    chart = _Course(history, f"Loss: {spans}", "loss")
+    spans = (f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used)
+    chart.words(", ".join(spans), 1.0, 1.0, yanchor="bottom", font={"size": 12})
+    marks: Marks = []
     for symbol, name, values, colour, width in used:
         positive = np.where(values > 0, values, np.nan)
         hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
-        chart.course(positive, name, colour, width, hover=hover, showlegend=False)
-    chart.axis("y", "Loss", type="log", **_decades([term[2] for term in used]))
-    return chart.figure()
+        _line(chart, 1, at, positive, name, colour, hover=hover, showlegend=False, width=width)
+        marks.append((1, positive, colour))
+    chart.axis("y1", "Loss", type="log", **_decades([term[2] for term in used]))
+    return marks
 
 
-def parameter_history(
-    history: History,
-    which: int,
-    segment: SegmentInfo,
-    truth: Parameters | None = None,
-    model: str = PAPER,
-) -> go.Figure:
-    """One parameter over iterations, with its band where the training states one.
-
-    ``which`` is its place among the model's own parameters: 0 for the α of a CTHP. The true
-    parameters, one entry a follower, are dashed, where they are of the model's kind.
-    """
-    name = FOLLOWING[model].names[which]
+def _parameter(
+    chart: style.Chart, panel: int, history: History, at: FloatArray, name: str,
+    segment: SegmentInfo, truth: Parameters | None, model: str,
+) -> Marks:  # fmt: skip
+    """One parameter of the model, with its band where the training states one."""
+    which = FOLLOWING[model].names.index(name)
     column, values = columns_of(model)[name], value_of(model, history.parameters, name)
     sets = values.shape[1]
     labels, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         labels, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
-    title = TITLES.get(name, "") if FOLLOWING[model].is_linear else ""
-    chart = _Course(history, title or f"{column.group}: {column.title}", f"parameter-{which}")
     for k, (label, colour) in enumerate(zip(labels, colours, strict=True)):
         if ends is not None:
-            chart.band(chart.iterations, ends[0][:, k], ends[1][:, k], colour, 0.125)
-        chart.course(values[:, k], label, colour)
+            chart.band(at, ends[0][:, k], ends[1][:, k], colour, 0.125, panel=panel)
+        hover = f"%{{y:.4g}}<extra>{html.escape(label)}</extra>"
+        _line(chart, panel, at, values[:, k], label, colour, hover=hover)
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
     if truth and has_terms_of(model, truth):
         seen.append(value_of(model, truth, name)[:sets])
         for value, colour in zip(seen[-1].tolist(), colours, strict=False):
-            chart.level("y", value, style.TRUTH | {"color": colour})
-    chart.axis("y", column.heading, range=style.limits(np.concatenate(seen)) or None)
-    return chart.figure()
+            chart.level(f"y{panel}", value, style.TRUTH | {"color": colour})
+    limits = style.limits(np.concatenate(seen)) or None
+    if limits and not np.nan_to_num(np.concatenate(seen)).any():  # it is not sought yet
+        limits = [-UNSOUGHT, UNSOUGHT]
+    chart.axis(f"y{panel}", column.heading, range=limits)
+    return [(panel, values[:, k], colour) for k, colour in enumerate(colours[:sets])]
+
+
+def moments_of(history: History) -> list[int]:
+    """Indices of some moments, the last included: all of a few, else closer at the beginning."""
+    count = len(history.iteration)
+    if count <= MOMENTS:
+        return [*range(count)]
+    some = np.geomspace(1, count, MOMENTS).round().astype(int) - 1
+    return [*map(int, np.unique(np.append(some, count - 1)))]
 
 
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
@@ -160,13 +214,13 @@ def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | N
 
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:
-    """A logarithmic axis over whole decades, with at most about six of them named."""
+    """A logarithmic axis over whole decades, with at most about three of them named."""
     values = np.concatenate([*series, []])
     exponents = np.log10(values[np.isfinite(values) & (values > 0)])
     if not len(exponents):
         return {}
     low, high = int(np.floor(exponents.min())), int(np.ceil(exponents.max()))
-    step = 1 + (high - low) // 6
+    step = 1 + (high - low) // 4
     return {"range": [low, high], "tick0": low, "dtick": step, "exponentformat": "power"}
 
 
@@ -189,24 +243,47 @@ class Curves:
     band: tuple[FloatArray, ...] = ()
     """(4, K) time, ends of the predicted gap, and the measured one, of each stretch with a band."""
     level: float = 0.0
-    """Of the band."""
+    """Level of the band."""
     about: str = ""
     """What is drawn beside the data."""
 
 
-def driven(result: Result, follower: int, window: int = 0) -> Trajectories | None:
+def driven(
+    result: Result, follower: int, window: int = 0, moment: int | None = None
+) -> Trajectories | None:
     """One follower by the estimate behind the measured vehicle ahead, as one column.
 
-    Follower and window are counted from 0. None where nothing can be simulated.
+    Follower and window are counted from 0, as is the ``moment`` of the history whose parameters are
+    taken, by default the estimate's. None where nothing can be simulated.
     """
-    estimate = result.estimate
+    estimate, history = result.estimate, result.history
+    sets = estimate.parameters
+    if moment is not None and history:
+        sets = history.parameters[moment]
     pair = result.segments[window].pair(follower)
-    return simulated(pair, estimate.model, estimate.parameters[[follower]])
+    return simulated(pair, estimate.model, sets[[min(follower, len(sets) - 1)]])
+
+
+def tracking_at(
+    result: Result, follower: int, window: int, moment: int, height: int = COURSE
+) -> go.Figure:
+    """The chart `tracking` of one follower by the parameters of a moment of the history.
+
+    At the last moment the method's own curves are drawn, too.
+    """
+    simulation = driven(result, follower, window, moment)
+    assert result.history
+    is_last = moment == len(result.history.iteration) - 1
+    curves = curves_of(result, follower, window) if is_last else None
+    drawn = curves_in(result.segments[window], follower, simulation=simulation)
+    if curves and NETWORK in curves.lines:
+        drawn = replace(drawn, lines={**drawn.lines, NETWORK: curves.lines[NETWORK]})
+    return drive(drawn, with_error=False, height=height)
 
 
 def curves_in(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = "network",
+    simulation: Trajectories | None = None, own: str = NETWORK,
     disturbance: FloatArray | None = None,
 ) -> Curves:  # fmt: skip
     """One follower (0 for the first) in a segment, with curves and a disturbance (N, M) in m/s².
@@ -244,7 +321,7 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
         follower,
         estimate.curves[window] if has_own else None,
         driven(result, follower, window),
-        "network" if method == "pinn" else METHODS[method].title,
+        METHODS[method].curve_title or METHODS[method].title,
         of_window(estimate.arrays, window).get("disturbance"),
     )
     several = f"Window {segment.window}. " if len(result.segments) > 1 else ""
@@ -264,7 +341,7 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
 
 def tracking(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = "network",
+    simulation: Trajectories | None = None, own: str = NETWORK,
     disturbance: FloatArray | None = None, height: int | None = None,
 ) -> go.Figure:  # fmt: skip
     """The chart `drive` of `curves_in` a segment, without the gap's error."""

@@ -1,6 +1,6 @@
 """An estimate in sentences, one a follower, and what its numbers are."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import compress
 from math import ceil, inf, isfinite, isnan
 from typing import NamedTuple
@@ -60,6 +60,8 @@ class Card(NamedTuple):
     """What is against it, and how far to trust it by its own windows."""
     against: str
     """The part of `trust` that is against it; empty where nothing is."""
+    places: tuple[int, ...]
+    """Their indices among the followers."""
 
     @property
     def is_contradicted(self) -> bool:
@@ -94,15 +96,18 @@ def _card(description: Description, rows: Sequence[Row]) -> Card:
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
     said, doubted = " ".join((*against, trust)), " ".join(against)
     doubted = said if trusts[0].is_contradicted else doubted
-    return Card(joined(labels), " ".join(lead), said, doubted)
+    return Card(joined(labels), " ".join(lead), said, doubted, tuple(places))
 
 
-def contradictions(result: Result | None) -> tuple[str, ...]:
-    """Evidence against each follower's estimate, for what is concluded from it."""
+def contradictions(result: Result | None, places: Collection[int] | None = None) -> tuple[str, ...]:
+    """Evidence against each follower's estimate, for what is concluded from it.
+
+    ``places`` are the indices of the followers in question; None for all.
+    """
     return tuple(
         f"{card.who}: {card.trust[0].lower()}{card.trust[1:]}"
         for card in (cards(result) if result else ())
-        if card.is_contradicted
+        if card.is_contradicted and (places is None or {*card.places} & {*places})
     )
 
 
@@ -125,6 +130,15 @@ def about_estimate(description: Description) -> str:
         " value; last column: where the time gap of one more window lies. Intervals include"
         " variation between drives; poorly determined parameters are shrunk towards other cars."
     )
+
+
+def initial_in_words(model: str, parameters: Parameters) -> str:
+    """The values at which a search begins, those of the first follower."""
+    said = []
+    for name, column in columns_of(model).items():
+        value = float(value_of(model, parameters, name)[0])
+        said.append(f"{column.title} = {value:.3g} {column.unit}".rstrip())
+    return f"Initial values: {', '.join(said)}."
 
 
 def true_model(truth: Parameters) -> str:

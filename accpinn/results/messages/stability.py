@@ -1,6 +1,6 @@
 """String stability in sentences: the verdict, its probability and reason."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isinf, isnan
 
 from accpinn.findings import all_of, capital, joined, percent, probability, spelled
@@ -17,6 +17,7 @@ from accpinn.stability import (
     VehicleStability,
     Verdict,
 )
+from accpinn.stability.margin import State
 from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
@@ -36,6 +37,8 @@ MAY_AMPLIFY = (
 )
 GIVEN_PARAMETERS = f"The verdict is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a verdict on parameters without a recording assumes."""
+SEVERAL = "Each car by the model of its own result, linearised at its median speed."
+"""What a verdict on vehicles of several results assumes."""
 MEASURED = (
     "Points: the gain measured from the recorded speeds alone by Welch's method, |Ĝ| = |S_uv|/S_uu;"
     " bars: |Ĝ| exp(±t ε) with ε² = (1 - γ²)/(2(n - 1)γ²), at the bands' level (Bendat and Piersol,"
@@ -58,7 +61,10 @@ FOLD, LEAST_GROWTH = 2.0, 0.005
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return f"Diamonds: peaks. Rings: where the amplified frequencies end.{band}"
+    return (
+        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
+        f" paper's L∞ criterion.{band}"
+    )
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
@@ -68,10 +74,77 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
         if len(chosen) > 1
         else ""
     )
+    kept = chosen.parameters[held]
+    late = " lag and delay included," if kept.lag or kept.delay else ""
     return (
-        f"Boundaries at {chosen.labels[held]}'s {parameter}; above them the vehicle is stable."
+        f"Boundaries at {chosen.labels[held]}'s {parameter},{late} stable in the green."
         f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"
     )
+
+
+def most_needed(subject: KnownVehicles) -> str:
+    """The vehicle that is farthest from string stability, or nearest to losing it, in a sentence.
+
+    By L₂, as the verdict above the pages' pictures.
+    """
+    found, spoken = subject.margins.vehicles, subject.vehicles.spoken
+    judged = [k for k, v in enumerate(found) if not isnan(v.l2.distance.value)]
+    if not judged:
+        return "The data do not determine the margins."
+    worst = min(judged, key=lambda k: found[k].l2.distance.value)
+    margin, name = found[worst].l2, spoken[worst]
+    value = margin.distance.value
+    if margin.state is State.NEVER:
+        return f"No time gap makes {name} L₂ string stable."
+    if margin.state is State.TOO_LONG:
+        return f"{capital(name)} is L₂ string stable at smaller time gaps alone."
+    if isinf(value):
+        return "The time gap has no effect on string stability."
+    if value >= 0:
+        least = f"{capital(name)} has" if len(judged) == 1 else f"All are stable, {name} with"
+        return f"{least} {_gap(margin.distance, 1)} to spare."
+    most = " most:" if len(judged) > 1 else ""
+    return (
+        f"{capital(name)} needs{most} {_gap(margin.distance, -1)} more time gap to be L₂ string"
+        " stable."
+    )
+
+
+def _gap(distance: Quantity, sign: int) -> str:
+    """A margin as a positive time in s, with its interval."""
+    value, ends = sign * distance.value, sorted((sign * distance.lower, sign * distance.upper))
+    if isnan(distance.lower):
+        return f"{value:.2f} s"
+    high = "or more" if isinf(ends[1]) else f"to {ends[1]:.2f}"
+    return f"{value:.2f} s ({ends[0]:.2f} {high})"
+
+
+def about_margin(subject: KnownVehicles) -> str:
+    """What the margins are, beside their picture."""
+    speeds = 3.6 * subject.margins.speed
+    low, high = round(float(speeds.min())), round(float(speeds.max()))
+    at = f"{low} km/h" if low == high else f"{low} to {high} km/h"
+    level = subject.margins.level
+    bars = f" In brackets: {percent(level)} intervals." if level else ""
+    return f"At {at}, all else kept.{bars}"
+
+
+MARGIN = (
+    "Margin: the vehicle's time gap τ + s₀/v minus the smallest at which it is string stable with"
+    " its own gains, s₀, lag and delay; that is τ - τ_min at every speed. A nonlinear model is"
+    " linearised at the speed. Leader to last follower: the change of all time gaps at which no"
+    " frequency is larger at the last follower than at the leader. With a lag or a delay, peaks"
+    " that grow by less than .02 % count as stable by L∞."
+)
+"""What a margin is."""
+MARGIN_MARKS = "Circles: L₂; diamonds: exact L∞."
+POLES = (
+    "Crosses: poles, with a delay those of the exact equation; rings: zeros; dots: rightmost poles"
+    " of posterior samples; dotted: damping ratios .4 and .7. Faster poles lie left of the picture."
+    " Responses have the delay's approximant, as the verdict: ∫h = 1, so ‖h‖₁ is 1 plus twice the"
+    " area below zero."
+)
+"""What poles and responses are."""
 
 
 def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
@@ -103,7 +176,8 @@ def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
 
 def reason(verdict: Verdict, vehicle: VehicleStability) -> str:
     """The reason for a verdict on a vehicle, in one sentence."""
-    if vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
+    without = vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION)
+    if without and verdict.stable:  # with a delay disturbances may grow without gap control, too
         return str(vehicle.behaviour.value)
     if verdict.criterion is Criterion.L2:
         return _l2(vehicle)
@@ -268,6 +342,14 @@ def headline(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
+def behind_verdict(subject: KnownVehicles) -> str:
+    """Probabilities of the verdict, what the measured gain has against it, and who drives."""
+    known, chosen = subject.uncertainty, subject.vehicles
+    against = (objection.sentence for objection in against_model(subject))
+    said = (probabilities(chosen, known) if known else "", *against, not_acc(chosen))
+    return " ".join(filter(None, said))
+
+
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
@@ -364,12 +446,16 @@ def becomes(
     )
 
 
-def not_acc(chosen: ParameterSet) -> str:
-    """The vehicles that a driver controls, and how long; empty where none does."""
+def not_acc(chosen: ParameterSet, places: Iterable[int] | None = None) -> str:
+    """The vehicles that a driver controls, and how long; empty where none does.
+
+    All that are chosen, or those at some ``places``.
+    """
     pairs = [*zip(chosen.labels, chosen.by_hand, strict=False)]
+    pairs = pairs if places is None or not pairs else [pairs[k] for k in places]
     whole = [label for label, share in pairs if share > ALL_OF_IT]
     parts = [f"{label} for {percent(share)}" for label, share in pairs if 0 < share <= ALL_OF_IT]
-    if len(whole) == len(chosen):
+    if whole and len(whole) == len(pairs):
         return "Driven by hand, not by ACC."
     said = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
     said += [f"Driven by hand {joined(parts)} of the time."] if parts else []
@@ -406,8 +492,13 @@ def criteria_differ(subject: KnownVehicles) -> str:
     )
 
 
-def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
-    """The probability of L₂ string stability of each vehicle."""
-    pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
-    parts = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
+def probabilities(
+    chosen: ParameterSet, uncertainty: Uncertainty, places: Iterable[int] | None = None
+) -> str:
+    """The probability of L₂ string stability of each vehicle, or of those at some ``places``."""
+    shares = uncertainty.probability_l2.tolist()
+    parts = (
+        f"{chosen.labels[k]} {'not determined' if isnan(shares[k]) else probability(shares[k])}"
+        for k in (range(len(chosen)) if places is None else places)
+    )
     return f"Probability of L₂ string stability: {', '.join(parts)}."

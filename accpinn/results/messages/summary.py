@@ -106,6 +106,24 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     )
 
 
+def best_models(judgements: Sequence[Judgement]) -> str:
+    """How many followers each model predicts best, and for how many that is certain."""
+    best: dict[str, int] = {}
+    for judged in judgements:
+        title = judged.ranked[0].model.title
+        best[title] = best.get(title, 0) + 1
+    total, clear = len(judgements), sum(judged.is_clear for judged in judgements)
+    certain = "" if clear == total else " (perhaps by chance)" if not clear else (
+        f" (clearly for {clear} of them)"
+    )  # fmt: skip
+    if len(best) == 1:
+        cars = "this car" if total == 1 else f"all {total} cars"
+        return f"The {next(iter(best))} predicts {cars} best{certain}."
+    counts = sorted(best.items(), key=lambda item: -item[1])
+    named = joined([f"{count} of {total} cars by the {title}" for title, count in counts])
+    return f"Best predicted: {named}{certain}."
+
+
 def conditional(result: Result, adequacy: Adequacy | None) -> str:
     """What estimates and intervals assume, and for whom another form of the CTHP is better."""
     model = result.estimate.model
@@ -137,11 +155,11 @@ def recommended_of(rows: Sequence[Result]) -> Result | None:
     return next(iter((*usual, *known)), None)
 
 
-def agreement(rows: Sequence[Result], recommended: Result) -> str:
-    """How many methods agree with the recommended estimate, which do not, and how far all are off.
+def agreement(rows: Sequence[Result], recommended: Result) -> tuple[str, str]:
+    """How many methods agree with the recommended estimate; then which do not, and how far off.
 
-    The recommended one is not counted. It is empty where nothing is determined, or nothing else is
-    compared.
+    The recommended one is not counted. Both are empty where nothing is determined, or nothing else
+    is compared.
     """
     estimate = recommended.estimate
     value, lower = np.array(
@@ -153,7 +171,7 @@ def agreement(rows: Sequence[Result], recommended: Result) -> str:
     followers = np.flatnonzero(np.isfinite(lower).all(axis=1)).tolist()
     found = [row.estimate for row in rows if row.analysis.key != recommended.analysis.key]
     if not followers or not found:
-        return ""
+        return "", ""
     differing = [
         name_of(each)
         for each in found
@@ -164,16 +182,17 @@ def agreement(rows: Sequence[Result], recommended: Result) -> str:
     some = f"{count} of {total} methods {agree}" if count else "No method agrees"
     within = f"within the {percent(estimate.level or 0.0)} intervals of {joined(COMPARED)}"
     within += " for every follower" if len(followers) > 1 else ""
-    other = f"; {joined(differing)} {'does' if len(differing) == 1 else 'do'} not"
-    other = other if differing and count else ""
+    others = f"{joined(differing)} {'does' if len(differing) == 1 else 'do'} not."
+    others = others if differing and count else ""
     own = np.array([gains_and_gap(e.model, e.parameters, estimate.speeds) for e in found])
     off = np.abs(own - value)[:, followers] / np.where(value > 0, value, np.nan)[followers]
     pairs = zip(off.max(axis=(0, 1)).tolist(), COMPARED, strict=True)
     # Not a number where one is unknown, or the recommended one's is zero.
     away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])
-    size = f" All are within {away} of it." if away else ""
+    size = f"All are within {away} of it." if away else ""
     alike = some if differing else "Every method agrees"
-    return f"{alike} with the recommended estimate {within}{other}.{size}"
+    more = " ".join(filter(None, (others, size)))
+    return f"{alike} with the recommended estimate {within}.", more
 
 
 def setting(value: Any) -> str:

@@ -35,6 +35,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.description import describe
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
+from accpinn.results.figures.laboratory import steady_waves
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.strip import STYLE as STRIP_STYLE
 from accpinn.results.figures.strip import strip_html
@@ -46,7 +47,8 @@ from accpinn.results.figures.style import (
     vehicle_colours,
     with_legend,
 )
-from accpinn.results.figures.training import curves_of, drive, driven, training_figures
+from accpinn.results.figures.training import course, curves_of, drive, driven
+from accpinn.results.marks import LEGEND
 from accpinn.results.messages import estimate as on_estimate
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
@@ -60,7 +62,6 @@ from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
-from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import PROMPT, Verification, verify
@@ -73,8 +74,14 @@ FOLLOWERS = 8
 """Followers of the simulated platoon where only one is known."""
 POINTS = 800
 """Largest number of points a line, so that the page stays below 6 MB, of which plotly takes 5."""
+FIRST_PAGE, A_ROW = 345, 15
+"""Height in pixels of a figure on the printed first page, and how much less for a row of the strip
+there."""
+WAVES = 320
+"""Height in pixels of the platoon's speeds on the screen."""
 EXPLAINED = (Criterion.LINF_PAPER, Criterion.LINF_EXACT, Criterion.L2_WEAK, Criterion.LINF_WEAK)
 """Verdicts whose reasons are given; the table has all that is to be said about the others."""
+MEASURED = "Points with bars: the measured gain; faint where it is not compared."
 UNCHANGING = (2020, 1, 1, 0, 0, 0)
 """Date of every file in a bundle, so that equal results make equal bundles."""
 
@@ -86,6 +93,8 @@ class Picture:
     name: str
     figure: go.Figure
     caption: str
+    printed: int = 0
+    """Its height in pixels on paper; 0 for that of its kind."""
 
     def drawn(self) -> dict[str, Any]:
         """Name, data and layout for the page's script; numbers in single precision."""
@@ -100,7 +109,8 @@ class Picture:
         for axis in axes_of(parts):  # titles keep clear of the numbers
             axis["automargin"], axis["title"] = True, axis.get("title", {}) | {"standoff": 8}
         parts["layout"]["template"] = None
-        return {"name": self.name, **json.loads(to_json(Figure(parts).to_dict(), validate=False))}
+        drawn = json.loads(to_json(Figure(parts).to_dict(), validate=False))
+        return {"name": self.name, "printed": self.printed, **drawn}
 
 
 def render_report(
@@ -164,7 +174,10 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
     curves = [*curve_pictures(snapshot)] if with_curves else []
     responses, training = [*stability_pictures(snapshot)], [*training_pictures(snapshot)]
     run, cast, platoon, repeated = platoon_pictures(snapshot) or (None, None, (), "")
-    parts = (curves[:1] + responses[:1], motion, curves[1:], training, responses[1:], platoon)
+    height = FIRST_PAGE - A_ROW * len(strip.rows)  # so that the first page ends with them
+    first_page = [replace(picture, printed=height) for picture in
+                  (*responses[:1], *_waves(cast, run, repeated))]  # fmt: skip
+    parts = (first_page, motion, curves, training, responses[1:], platoon)
     names = ("first_page", "motion", "curves", "training", "stability_pictures", "platoon")
     return {
         **dict(zip(names, parts, strict=True)),
@@ -174,6 +187,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "strip": Markup(strip_html(strip)),
         "strip_about": " · ".join(strip.about),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
+        "legend": LEGEND,
         "words": words,
         "on_estimate": on_estimate,
         "on_platoon": on_platoon,
@@ -185,12 +199,23 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
             (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
             for label, said in (on_stability.reasons(subject) if subject.has_report else ())
         ],
+        "has_measured": stability_figures.measured_of(subject) if subject.has_report else False,
         "run": run,
         "cast": cast,
         "repeated": repeated,
         "checked": checked,
         "checks": Markup(verification_table(checked).to_html()),
     }
+
+
+def _waves(cast: Cast | None, run: PlatoonRun | None, who: str) -> Iterator[Picture]:
+    """The speeds of the platoon behind the simulated leader, once its transient is over."""
+    if cast is None or run is None or not isinstance(run.leader, Sinusoid):
+        return
+    omega = run.leader.frequency
+    shades = "Light to dark: first to last." if len(cast.vehicles) == 1 else "Colours as above."
+    said = f"{who}, behind a leader (thick) whose speed oscillates at {omega:.3g} rad/s. {shades}"
+    yield Picture("waves", steady_waves(cast, omega, WAVES), said)
 
 
 def _sheet(table: Table, name: str) -> dict[str, Any]:
@@ -245,8 +270,7 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
     history, model = snapshot.history, snapshot.estimate.model
     if history is None:
         return
-    for name, figure in training_figures(history, snapshot.info, model).items():
-        yield Picture(name, figure, "")
+    yield Picture("course", course(history, snapshot.info, model), "")
 
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:
@@ -257,14 +281,13 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         return
     bode = with_legend(stability_figures.bode(subject))
     said = ["Bode magnitude from the speed ahead to the vehicle's own."]
+    said += ["Dashed: from the leader to the last."] if len(vehicles) > 1 else []
     said.append(on_stability.about_bode(uncertainty))
-    said += [on_stability.MEASURED] if stability_figures.measured_of(subject) else []
+    said += [MEASURED] if stability_figures.measured_of(subject) else []
     yield Picture("bode", bode, " ".join(said))
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
         yield Picture("criteria", with_legend(chart), on_stability.CRITERIA)
-    if is_lagged(vehicles.parameters):
-        return
     held = len(vehicles) - 1
     chart = stability_figures.stability_map(subject, held, "beta")
     about = on_stability.about_map(vehicles, held)
@@ -284,7 +307,7 @@ def platoon_pictures(
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
     speed = Sinusoid.speed
     try:
-        if vehicles.parameters.own.size:
+        if not vehicles.parameters.is_linear:
             speed = float(f"{subject.median_speed:.3g}")
             subject = replace(subject, uncertainty=None).at_speed(speed)
         leader = Sinusoid(subject.report.platoon.peaks[-1].omega or Sinusoid.frequency, speed=speed)
@@ -295,33 +318,35 @@ def platoon_pictures(
     profiles = with_legend(platoon_figures.profiles(run, cast, linear=run.linear))
     shades = " Light to dark: first to last follower." if len(vehicles) == 1 else ""
     dashed = " Dashed: by the linearisation." if run.linear else ""
-    amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
-    pictures = (
-        Picture("platoon", profiles, f"Speeds and gaps.{shades}{dashed}"),
-        Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
-    )
+    growth = platoon_figures.growth_by_vehicle(run, cast)
     who = f"The {len(order)} followers in their order"
     if len(vehicles) == 1:
         who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
+    pictures = (
+        Picture("platoon", profiles, f"Speeds and gaps.{shades}{dashed}"),
+        Picture("amplitude", growth, "Amplitude of the speed along the platoon; ticks: by |H|."),
+    )
     return run, cast, pictures, who
 
 
-def bundle(snapshot: Result) -> bytes:
+def bundle(snapshot: Result, verification: Verification | None = None) -> bytes:
     """All that is known of a result as one zip file.
 
     It holds report.html, the snapshot, each table as CSV and LaTeX, and as CSV the training's
     history and the motion in each window: measured, by the method's curves, and simulated behind
-    the measured vehicle ahead.
+    the measured vehicle ahead. The report is verified as by `render_report`.
     """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in _files(snapshot):
+        for name, data in _files(snapshot, verification):
             archive.writestr(zipfile.ZipInfo(name, UNCHANGING), data, zipfile.ZIP_DEFLATED)
     return content.getvalue()
 
 
-def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
-    yield "report.html", render_report(snapshot)
+def _files(
+    snapshot: Result, verification: Verification | None
+) -> Iterator[tuple[str, str | bytes]]:
+    yield "report.html", render_report(snapshot, verification)
     yield f"result{SUFFIX}", to_bytes(snapshot)
     for name, table in tables_of(snapshot).items():
         yield f"tables/{name}.csv", table.to_csv()

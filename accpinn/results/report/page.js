@@ -4,8 +4,8 @@
   const source = document.getElementById("drawings").textContent;
   const drawings = JSON.parse(source);
   const plots = [...document.querySelectorAll(".plot")];
-  const PRINTED = 690; // pixels: the width between the margins of a printed page
-  const FLATTER = 0.7; // of a figure's height: two, or one below the data, fit on a page
+  const PRINTED = 764; // pixels: the width between the margins of a printed page, by its zoom
+  const FLATTER = 0.66; // of a figure's height: two, or one below the data, fit on a page
   const wish = window.matchMedia("(prefers-color-scheme: dark)");
   let dark = wish.matches;
 
@@ -94,19 +94,23 @@
     show(false);
     for (const plot of plots) {
       const half = plot.closest(".halves");
-      const { height } = drawings[Number(plot.dataset.place)].layout;
+      const { printed, layout } = drawings[Number(plot.dataset.place)];
       Plotly.relayout(plot, {
         autosize: false,
         width: half ? PRINTED / 2 - 12 : PRINTED,
-        height: half ? height : FLATTER * height,
+        height: printed || (half ? layout.height : FLATTER * layout.height),
+        // The strip above has the colours.
+        ...(printed ? { showlegend: false, "margin.t": 8 } : {}),
       });
     }
   });
   window.addEventListener("afterprint", () => {
     show(dark);
     for (const plot of plots) {
-      const { height } = drawings[Number(plot.dataset.place)].layout;
-      Plotly.relayout(plot, { autosize: true, width: null, height });
+      const { height, showlegend, margin } = drawings[Number(plot.dataset.place)].layout;
+      Plotly.relayout(plot, {
+        autosize: true, width: null, height, showlegend: !!showlegend, "margin.t": margin.t,
+      });
     }
   });
   root.dataset.drawn = String(plots.length);

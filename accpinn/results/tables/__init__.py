@@ -20,6 +20,7 @@ from markupsafe import Markup, escape
 from accpinn import channels
 from accpinn.findings import probability
 from accpinn.results.glossary import MEANINGS
+from accpinn.results.marks import OUTSIDE
 from accpinn.storage import csv_cell
 from accpinn.units import FloatArray, Quantity
 
@@ -37,11 +38,11 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class Marked:
-    """A cell with an asterisk, and the sentence that changes how it is read."""
+    """A cell with a mark, and the sentence that changes how it is read."""
 
     cell: "str | float | Quantity"
     why: str
-    mark: str = "*"
+    mark: str
 
 
 Cell = str | float | Range | Quantity | Marked | None
@@ -63,6 +64,7 @@ _LATEX = {
     **{letter: rf"\text{name}{{}}" for letter, name in _CHARACTERS.items()},
     **{letter: rf"$\{name}$" for letter, name in _SYMBOLS.items()},
     **{digit: f"$_{k}$" for k, digit in enumerate("₀₁₂")},
+    **{"○": r"$^\circ$", "□": r"\fbox{}", "†": r"$\dagger$", "▲": r"$\triangle$"},
     **{"²": "$^2$", "−": "$-$", "–": "--", "…": r"\dots{}", "\n": " ", "\t": " "},
 }
 _LATIN = "\u024f"
@@ -76,8 +78,10 @@ STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
 """What `Table.to_html` needs once on a page."""
 ENDINGS = {1: ("",), 2: ("_low", "_high"), 3: ("", "_low", "_high")}
 """What is added to a column's name in a CSV file, by the number of columns that it takes there."""
-OUTSIDE = "outside its interval"
+OUTSIDE_WORDS = "outside its interval"
 FIXED = "fixed"
+MANY = 12
+"""Number of columns beyond which they stand closer."""
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -122,6 +126,11 @@ class Column:
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
     @property
+    def full_title(self) -> str:
+        """Group (without brackets), title and unit, for a cell that stands alone."""
+        return f"{self.group.partition(' (')[0]} {self.heading}".strip()
+
+    @property
     def csv_name(self) -> str:
         """Lower-case words joined by underscores, as "surrogate_fit_mae_p_m"."""
         if self.key:
@@ -143,6 +152,7 @@ class Column:
             return f"{self.shown(cell.cell)}{cell.mark}"
         if isinstance(cell, Quantity):
             value, ends = self._with_interval(cell)
+            value += OUTSIDE.glyph * (self._why(cell) != "")
             return value if self.is_brief or not ends else f"{value} ({ends})"
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
@@ -158,10 +168,9 @@ class Column:
 
     def html(self, cell: Cell) -> Markup:
         """The same for a web page: where there is little room, an interval has its own line."""
-        why = "" if self.is_brief or not isinstance(cell, Quantity) or cell.is_inside else OUTSIDE
-        sign = "*"
+        marks = [(self._why(cell), OUTSIDE.glyph)]
         if isinstance(cell, Marked):
-            why, sign, cell = cell.why, cell.mark, cell.cell
+            marks, cell = [(self._why(cell.cell), OUTSIDE.glyph), (cell.why, cell.mark)], cell.cell
         value, ends = (
             self._with_interval(cell) if isinstance(cell, Quantity) else (self.shown(cell), "")
         )
@@ -169,9 +178,18 @@ class Column:
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
             return Markup(f'<abbr title="{escape(ends)}">{escape(value)}</abbr>')
-        mark = f'<b title="{escape(why)}">{escape(sign)}</b>' if why else ""
+        mark = "".join(
+            f'<b class="mark" title="{escape(why)}">{escape(sign)}</b>'
+            for why, sign in marks
+            if why
+        )
         interval = f" <span>({escape(ends)})</span>" if ends else ""
         return Markup(f"{escape(value)}{mark}{interval}")
+
+    def _why(self, cell: Cell) -> str:
+        """Why a value with an interval is marked: it lies outside; empty for every other cell."""
+        is_marked = isinstance(cell, Quantity) and not (self.is_brief or cell.is_inside)
+        return OUTSIDE_WORDS if is_marked else ""
 
     def _with_interval(self, cell: Quantity) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
@@ -181,7 +199,8 @@ class Column:
             return self.shown(cell.value), FIXED
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, said=None)._range(Range(cell.lower, cell.upper))
-        return column.shown(cell.value), ends if ends.startswith("-") else ends.replace(" to ", "–")
+        is_plain = math.isfinite(cell.upper - cell.lower) and not ends.startswith("-")
+        return column.shown(cell.value), ends.replace(" to ", "–") if is_plain else ends
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
@@ -318,8 +337,11 @@ class Table:
     @property
     def legend(self) -> tuple[str, ...]:
         """What each mark in it means, as "*: extrapolated: no window holds this speed"."""
-        marked = (cell for row in self.rows for cell in row if isinstance(cell, Marked))
-        return tuple(dict.fromkeys(f"{cell.mark}: {cell.why}" for cell in marked))
+        pairs = [pair for row in self.rows for pair in zip(self.columns, row, strict=True)]
+        said = [f"{cell.mark}: {cell.why}" for _, cell in pairs if isinstance(cell, Marked)]
+        bare = ((c, cell.cell if isinstance(cell, Marked) else cell) for c, cell in pairs)
+        said += [f"{OUTSIDE.glyph}: {why}" for c, cell in bare if (why := c._why(cell))]
+        return tuple(dict.fromkeys(said))
 
     def _repr_html_(self) -> str:
         """The table in a notebook."""
@@ -360,8 +382,9 @@ class Table:
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         return template("tables/table.html").render(
-            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG,
+            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG, many=MANY,
             classes=[column.html_class for column in self.columns],
+            titles=[column.full_title for column in self.columns],
         )  # fmt: skip
 
     def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:

@@ -18,7 +18,8 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.estimate import SPEEDS, Estimate, Span
 from accpinn.methods.registry import title_of as title_of
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import FOLLOWING, PAPER, gains_and_gap, value_of
+from accpinn.model.registry import FOLLOWING, PAPER, TITLES, gains_and_gap, value_of
+from accpinn.results import marks
 from accpinn.results.description import (
     FIXED,
     LEAST,
@@ -134,7 +135,7 @@ def cell_of(value: Value) -> Cell:
     cell = span.value if isnan(span.lower) else span
     if isnan(span.value) or not note:
         return cell
-    return Marked(cell, note, "†" if note == LEAST else "*")
+    return Marked(cell, note, (marks.LEAST if note == LEAST else marks.EXTRAPOLATED).glyph)
 
 
 @view
@@ -287,7 +288,7 @@ def methods_table(
     """One row a method, for one follower (0 for the first).
 
     The recommended estimate, which has a posterior, is the first row, with its intervals; of all
-    others it is said whether they lie inside these.
+    others it is said whether they lie inside these. Estimates of one model stand together.
 
     Examples:
         >>> import accpinn
@@ -297,24 +298,13 @@ def methods_table(
         >>> len(accpinn.methods_table(results, follower=0).rows)
         2
     """
-    if not results and recommended is None:
-        raise ConfigError("results: none is given; choose what accpinn.compare yields, in a list.")
-    own = recommended.analysis.key if recommended else ""
-    others = [result for result in results if result.analysis.key != own]
-    rows = [recommended, *others] if recommended else others
-    info, found = rows[0].info, [result.estimate for result in rows]
-    if not 0 <= follower < info.followers:
-        raise ConfigError(
-            f"follower: {follower} is not there; choose 0 to {info.followers - 1}, the first is 0."
-        )
-    known, speed = recommended.uncertainty if recommended else None, found[0].stated_speed
-    gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
-    if known:
-        gaps[0] = cell_of(Value(found[0].time_gap(speed, follower)))
+    rows = _compared_rows(results, follower, recommended)
+    found = [result.estimate for result in rows]
+    known = recommended.uncertainty if recommended else None
     filled: list[Filled] = [
         (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
         (MODEL, [brief(estimate.model) for estimate in found]),
-        (gap_column(speed), gaps),
+        _compared_gaps(found, follower, known is not None),
     ]
     sets = Parameters.stack(estimate.parameters[follower] for estimate in found)
     for at, (column, cells) in zip(dict(shown_columns(sets)), parameter_cells(sets), strict=True):
@@ -324,17 +314,93 @@ def methods_table(
             shown[0] = Quantity(float(sets.everything[0, at]), *map(float, ends))
         filled.append((column, shown))
     if recommended:
-        away = [outside_interval(recommended.estimate, each, follower) for each in found]
-        said = [f"no: {joined(symbols)}" if symbols else "yes" for symbols in away[1:]]
-        filled.append((Column("Inside the interval", key="inside"), [None, *said]))
-    collisions = [row.evaluation.collision_times(info.vehicles)[follower] for row in rows]
-    filled += [
-        *_error_cells(rows, follower, SURROGATE, CLOSED_LOOP, *UNSEEN),
-        (Column("Collides at", "s", 1), collisions),
-        (Column("Time", "s", 2, least=True), [estimate.seconds for estimate in found]),
+        filled.append(_inside(recommended, found, follower))
+    return Table.of(_compared_caption(rows, follower), [*filled, *_compared_errors(rows, follower)])
+
+
+def compared_table(
+    results: Sequence[Result], follower: int, recommended: Result | None = None
+) -> Table:
+    """The rows of `methods_table` without errors, each model's parameters in columns of their own.
+
+    τ of one model is not τ of another, so numbers that mean different things share no column.
+    """
+    rows = _compared_rows(results, follower, recommended)
+    found = [result.estimate for result in rows]
+    filled: list[Filled] = [
+        (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
+        _compared_gaps(found, follower, recommended is not None),
     ]
-    label = info.labels[follower + 1]
-    return Table.of(f"{label}, {where(info, windows=rows[0].infos)}", filled)
+    for model in dict.fromkeys(estimate.model for estimate in found):
+        for name, column in columns_of(model).items():
+            spans = [e.span(name, follower) if e.model == model else None for e in found]
+            cells: list[Cell] = [span.value if span else None for span in spans]
+            if recommended and spans[0]:
+                cells[0] = cell_of(Value(spans[0]))
+            title = "Paper's model" if model == PAPER else TITLES[model]
+            filled.append((replace(column, group=title, key=f"{model}_{column.key}"), cells))
+    if recommended:
+        filled.append(_inside(recommended, found, follower))
+    return Table.of(_compared_caption(rows, follower), filled)
+
+
+def compared_errors_table(
+    results: Sequence[Result], follower: int, recommended: Result | None = None
+) -> Table:
+    """The errors and times of the same rows."""
+    rows = _compared_rows(results, follower, recommended)
+    names = [name_of(row.estimate, with_model=False) for row in rows]
+    models = [brief(row.estimate.model) for row in rows]
+    return Table.of(
+        _compared_caption(rows, follower),
+        [(Column("Method"), names), (MODEL, models), *_compared_errors(rows, follower)],
+    )
+
+
+def _compared_rows(
+    results: Sequence[Result], follower: int, recommended: Result | None
+) -> list[Result]:
+    """The recommended estimate, those of its model, and then those of others."""
+    if not results and recommended is None:
+        raise ConfigError("results: none is given; choose what accpinn.compare yields, in a list.")
+    own = recommended.analysis.key if recommended else ""
+    others = [result for result in results if result.analysis.key != own]
+    rows = [recommended, *others] if recommended else others
+    if not 0 <= follower < (followers := rows[0].info.followers):
+        raise ConfigError(
+            f"follower: {follower} is not there; choose 0 to {followers - 1}, the first is 0."
+        )
+    models = [*dict.fromkeys(row.estimate.model for row in rows)]
+    return sorted(rows, key=lambda row: models.index(row.estimate.model))
+
+
+def _compared_caption(rows: Sequence[Result], follower: int) -> str:
+    info = rows[0].info
+    return f"{info.labels[follower + 1]}, {where(info, windows=rows[0].infos)}"
+
+
+def _compared_gaps(found: Sequence[Estimate], follower: int, with_interval: bool) -> Filled:
+    """The time gap, which means the same under every model."""
+    speed = found[0].stated_speed
+    gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
+    if with_interval:
+        gaps[0] = cell_of(Value(found[0].time_gap(speed, follower)))
+    return gap_column(speed), gaps
+
+
+def _inside(recommended: Result, found: Sequence[Estimate], follower: int) -> Filled:
+    """Whether the rows below the recommended estimate lie inside its intervals."""
+    away = [outside_interval(recommended.estimate, each, follower) for each in found]
+    said = [f"no: {joined(symbols)}" if symbols else "yes" for symbols in away[1:]]
+    return Column("Inside the interval", key="inside"), [None, *said]
+
+
+def _compared_errors(rows: Sequence[Result], follower: int) -> Iterator[Filled]:
+    """The errors of each method, and how long it took."""
+    collisions = [row.evaluation.collision_times(row.info.vehicles)[follower] for row in rows]
+    yield from _error_cells(rows, follower, SURROGATE, CLOSED_LOOP, *UNSEEN)
+    yield Column("Collides at", "s", 1), collisions
+    yield Column("Time", "s", 2, least=True), [row.estimate.seconds for row in rows]
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:

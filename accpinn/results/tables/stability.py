@@ -6,6 +6,7 @@ from itertools import zip_longest
 from math import nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS
 from accpinn.inference.gain_check import GainCheck
@@ -13,6 +14,7 @@ from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import PlatoonRun
+from accpinn.results.marks import AGAINST
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -27,7 +29,7 @@ from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Quantity
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
 PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
@@ -36,6 +38,9 @@ ABOVE = Column("Amplified above", FREQUENCY.unit, FREQUENCY.digits, L2)
 BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
 STABLE, EXACT = Column("Criterion", group=L2), Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
+GAIN_ALONE = Column.of(LINF_GAIN, key="linf_gain")
+MARGIN_DIGITS = 4
+"""Most decimals of a margin with an interval; of one that is open two less are shown."""
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
 
@@ -88,6 +93,11 @@ def stability_table(
     )
 
 
+def verdicts_part(table: Table) -> Table:
+    """A `stability_table` without smallest headways, where a `margin_table` stands beside it."""
+    return table.only(lambda column: column.group != HEADWAY)
+
+
 def criteria_part(table: Table) -> Table:
     """A `stability_table` without α, β and τ, where these stand elsewhere."""
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
@@ -104,6 +114,70 @@ def verdict_table(subject: KnownVehicles) -> Table:
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
+
+
+def modes_table(subject: KnownVehicles) -> Table:
+    """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
+    known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
+    gains = [vehicle.linf_gain for vehicle in report]
+    return Table.of(
+        f"Poles and responses, {subject.vehicles.title}",
+        [
+            (Column("Vehicle"), subject.vehicles.labels),
+            (Column("Rightmost pole", "rad/s"), [_pole(found.poles) for found in modes]),
+            (Column("ζ", "", 2, key="damping_ratio"), [found.damping_ratio for found in modes]),
+            (
+                Column("ωₙ", "rad/s", 3, key="natural_frequency"),
+                [found.natural_frequency for found in modes],
+            ),
+            (Column("Overshoot", "%", 0), [100 * vehicle.overshoot for vehicle in report]),
+            (Column("Settling, 2 %", "s", 1, key="settling"), [found.settling for found in modes]),
+            (GAIN_ALONE, _with_ends(gains, known.linf_gain if known else None)),
+        ],
+    )
+
+
+def _pole(poles: NDArray[np.complex128]) -> str | None:
+    """The rightmost pole, or pair."""
+    if not len(poles):
+        return None
+    first = complex(poles[0])
+    return f"{first.real:.3f}" + f" ± {abs(first.imag):.3f}j" * bool(first.imag)
+
+
+def margin_table(subject: KnownVehicles) -> Table:
+    """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
+    found = subject.margins
+    rows, platoon = [*found.vehicles], found.platoon
+    digits = MARGIN_DIGITS if found.level else 2
+    more: list[Cell] = [None] * bool(platoon)
+    filled: list[Filled] = [
+        (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
+        (Column("Time gap", "s", 2), [*(_plain(row.time_gap) for row in rows), *more]),
+    ]
+    for group, norms in ((L2, [row.l2 for row in rows]), (LINF, [row.linf for row in rows])):
+        margins: list[Cell] = [
+            _plain(norm.distance) if np.isfinite(norm.distance.value) else norm.state.value
+            for norm in norms
+        ]
+        if platoon:
+            is_known = group == L2 and np.isfinite(platoon.value)
+            margins.append(_plain(platoon) if is_known else None)
+        filled += [
+            (
+                Column("Smallest stable", "s", digits, group),
+                [*(_plain(norm.smallest) for norm in norms), *more],
+            ),
+            (Column("Margin", "s", digits, group), margins),
+        ]
+    return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
+
+
+def _plain(value: Quantity) -> Cell:
+    """A value with its interval, or alone where it is that of a point, or infinite."""
+    if np.isinf(value.value):
+        return None
+    return value.value if np.isnan(value.lower) else value
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:
@@ -135,7 +209,8 @@ def _posterior(
     if shares is not None:
         yield Column.chance(PROBABILITY, group), percent_cells(shares)
         words = [assessment(share) for share in shares]
-        marked = (Marked(word, why) if why else word for word, why in zip_longest(words, against))
+        pairs = zip_longest(words, against)
+        marked = (Marked(word, why, AGAINST.glyph) if why else word for word, why in pairs)
         yield Column(VERDICT, group=group), marked
 
 

@@ -2,8 +2,9 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
 import pandas  # noqa: F401
@@ -15,7 +16,9 @@ from accpinn.errors import AccpinnError
 from accpinn.recordings import Window
 from accpinn.results.glossary import GROUPS
 from accpinn.segment import Segment, SegmentInfo
-from accpinn.tasks import Status
+from accpinn.study import Analysis
+from accpinn.tasks import Status, Task
+from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown, kept, segments
 from pages.ui.session.resources import queues
@@ -24,14 +27,16 @@ from pages.ui.session.sessions import (
     agree,
     begin_own,
     current,
+    enter,
     is_admin,
     is_others,
     is_shared,
     may_use,
     recognise,
+    training_elsewhere,
     user,
 )
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Left, Workspace
 
 HERE = Path(__file__).parent
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
@@ -68,6 +73,8 @@ PAGE = "frame_page"
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
+LOOK: Seconds = 2.0
+"""Time between two looks at trainings that go on while something else is open."""
 _STATUS = {
     Status.QUEUED: "waits",
     Status.RUNNING: "is under way",
@@ -75,6 +82,15 @@ _STATUS = {
     Status.STOPPED: "was stopped",
     Status.FAILED: "failed",
 }
+
+_LEFT = _STATUS | {
+    Status.QUEUED: "waits for its turn",
+    Status.RUNNING: "goes on{left}; result on Home",
+    Status.DONE: "is done; its result is on Home",
+}
+"""The same of one that was left."""
+_LEFT_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",
+               Status.DONE: "check_circle", Status.FAILED: "error"}  # fmt: skip
 
 
 def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
@@ -130,7 +146,79 @@ def _begin(title: str) -> Workspace:
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
+    _show_left(workspace)
     return workspace
+
+
+def _show_left(workspace: Workspace) -> None:
+    """The trainings that go on while something else is open, each with the way back to it."""
+    for kind in workspace.ended:
+        show.messages(
+            f"The {kind} was ended, as something else was opened or chosen.", icon="stop_circle"
+        )
+    workspace.ended = ()
+    elsewhere = training_elsewhere(workspace)
+    tasks = [left.task for left in workspace.left]
+    tasks += [other.training for other in elsewhere if other.training]
+    if not tasks:
+        return
+    with st.container(key="frame_left", gap="xsmall"):
+        for place, left in enumerate(workspace.left):
+
+            def back(left: Left = left) -> None:
+                workspace.go_back(left)
+                st.session_state[TURN] = TRAIN
+
+            _left_row(left.task, f"frame_left_{place}", back, partial(workspace.forget, left))
+        for place, other in enumerate(elsewhere):
+
+            def there(other: Workspace = other) -> None:
+                enter(other)
+                st.session_state[TURN] = TRAIN
+
+            if other.training:
+                _left_row(other.training, f"frame_elsewhere_{place}", there)
+    before = [task.status for task in tasks]
+
+    def look() -> None:
+        if [task.status for task in tasks] != before:
+            st.rerun()
+
+    if any(task.is_active for task in tasks):
+        st.fragment(look, run_every=LOOK)()
+
+
+def _left_row(
+    task: Task[Any], key: str, show_it: Callable[[], None], forget: Callable[[], None] | None = None
+) -> None:
+    """One training: where it stands, and what can be done with it."""
+    icon = _LEFT_ICONS.get(task.status, "history")
+    place = f" in another session {_STATUS[task.status]}{{left}}" if forget is None else (
+        f" {_LEFT[task.status]}"
+    )  # fmt: skip
+    about = escape_markdown(about_analysis(task.analysis))
+
+    def tell() -> None:
+        seconds = task.time_left if task.status is Status.RUNNING else None
+        left = f", {show.format_duration(seconds)} left" if seconds else ""
+        said = f"Training of **{about}**{place.format(left=left)}."
+        st.markdown(f":material/{icon}: {said}", width="content")
+
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.fragment(tell, run_every=LOOK if task.is_active else None)()
+        st.button("Show", key=f"{key}_show", type="tertiary", icon=":material/arrow_forward:",
+                  on_click=show_it)  # fmt: skip
+        if task.is_active:
+            st.button("Stop", key=f"{key}_stop", type="tertiary", icon=":material/stop:",
+                      on_click=task.stop, disabled=task.is_stopping)  # fmt: skip
+        elif forget:
+            st.button("Dismiss", key=f"{key}_forget", type="tertiary", icon=":material/close:",
+                      on_click=forget)  # fmt: skip
+
+
+def about_analysis(asked: Analysis | None) -> str:
+    """File and windows of what a training answers."""
+    return f"{asked.source.name}, {in_words(asked.window, asked.windows)}" if asked else ""
 
 
 def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:

@@ -5,13 +5,17 @@ from typing import Any
 
 import streamlit as st
 
+from accpinn.findings import capital
+from accpinn.methods.forecast import INTERVALS, SETTLED, VARIATION
 from accpinn.tasks import Status, Task
 from pages.ui.components import show
 from pages.ui.session.resources import queue_of
 from pages.ui.session.sessions import sees_all
 
-INTERVALS = "intervals"
-"""The phase in which the point is known and its intervals are computed."""
+UNITS = {INTERVALS: "window", VARIATION: "follower"}
+"""What is counted in a phase; iterations in those that are not here, and nothing in others."""
+SOON = 0.3
+"""Seconds until the first look at a task that is about to start."""
 POLL = 1.0
 """Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
@@ -38,7 +42,8 @@ def monitor(
         draw(active)
 
     if active:
-        st.fragment(look, run_every=POLL)()
+        is_next = began is Status.QUEUED and not queue_of(task).ahead_of(task)
+        st.fragment(look, run_every=SOON if is_next else POLL)()
     else:
         look()
 
@@ -74,7 +79,7 @@ def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> No
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
-    """What runs, how far its phase is, how fast, and how long that still takes."""
+    """What runs, how far its phase is, and how long it takes until all is done."""
     now, left = task.progress, task.time_left
     duration = show.format_duration(left) if left else ""
     if len(task.names) > 1:
@@ -82,10 +87,12 @@ def progress_parts(task: Task[Any]) -> list[str]:
         return parts + ([f"about {duration} left"] if duration else [])
     if now is None:
         return ["Getting ready …"]
-    unit = "window" if now.phase == INTERVALS else "iteration"
-    parts = [f"{now.phase}: {unit} {now.iteration:,} of {now.iterations:,}"]
-    if task.rate and unit == "iteration":
-        parts.append(f"{task.rate:,.0f} iterations/s")
+    parts = [capital(now.phase)]
+    if now.phase in UNITS:
+        at = min(now.iteration + 1, now.iterations)
+        parts.append(f"{UNITS[now.phase]} {at} of {now.iterations}")
+    elif now.phase not in SETTLED:
+        parts.append(f"iteration {now.iteration:,}")
     return parts + ([f"about {duration} left"] if duration else [])
 
 

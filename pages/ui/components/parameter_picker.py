@@ -1,6 +1,6 @@
 """Whose parameters the pages Stability and Platoon show: an estimate's, published, or typed in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,18 +8,21 @@ import numpy as np
 import pandas as pd
 import streamlit as st
 
-from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
 from accpinn.inference.intervals import from_draws, of_first
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import TERMS, Parameters
+from accpinn.model.following import DELAY, LAG
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
+from accpinn.model.registry import CTHP_S0, FOLLOWING, PAPER
+from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
+from accpinn.results.vehicles import KnownVehicles, known_vehicles, typed_vehicles
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
+from accpinn.units import FloatArray
 from pages.ui.components import frame, show
-from pages.ui.components.show import escape_markdown, segments, select
+from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.session.resources import opened
 from pages.ui.session.sessions import readable_snapshots
 from pages.ui.session.workspace import ParameterSource, Workspace
@@ -32,15 +35,26 @@ SOURCES: dict[ParameterSource, str] = {
     "snapshot": "Snapshot",
     "hand": "By hand",
 }
-COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
+OF_CTHP = (*CTHP_S0.parameters, LAG, DELAY)
+"""The parameters of every CTHP, in the order of `Parameters.complete`."""
+SPEED_COLUMN = "at [m/s]"
+"""Heading of the speed at which a model is linearised that is no CTHP."""
 BY_HAND = "parameters by hand"
-EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
-    f"parameters_{name}" for name in ("example", "snapshot", "rows", "base", "shown")
-)
-"""Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
-and when the table came to the page, and the vehicles shown last."""
+EXAMPLE, SNAPSHOT, MODEL, ROWS, OF_MODELS, BASE, EDITION, SHOWN, TAKEN = (
+    f"parameters_{name}"
+    for name in ("example", "snapshot", "model", "rows", "of_models", "base", "edition", "shown",
+                 "taken")
+)  # fmt: skip
+"""Names of choices: title of a published set, short name of a snapshot, the model by hand and its
+rows, those of other models before, the rows when the table came to the page, how often they came
+from elsewhere than the table, the vehicles shown last, and the model and rows of those shown last
+that were not typed in."""
+Row = tuple[Any, ...]
+"""A vehicle by hand: its name, its parameters with all digits, and for a model that is no CTHP the
+speed at which it is linearised; an empty cell is None or nan."""
 OF_VEHICLES = (
-    "stability_held", "stability_measured", "stability_speed", "laboratory_frequency",
+    "stability_held", "stability_measured", "stability_speed", "stability_impulse",
+    "laboratory_frequency",
     "laboratory_platoon", "platoon_vehicle", "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
@@ -72,8 +86,9 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
             )  # fmt: skip
         elif source == "snapshot":
             choose_entry(workspace, "Snapshot", SNAPSHOT, entries, labelled=False, width=420)
-    if source == "hand":
-        _edit_rows(workspace, f"{page}_rows")
+        if source == "hand":
+            with st.popover("Parameters", icon=":material/edit:", width=150):
+                _edit_rows(workspace, f"{page}_rows")
     chosen = parameters_from(workspace, source, entries)
     if chosen is None:
         _empty_state(workspace, page)
@@ -83,10 +98,13 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
         for key in OF_VEHICLES:
             choices.pop(key, None)
     choices[SHOWN] = now
+    if source != "hand":
+        choices[TAKEN] = rows_of(chosen)
     if not (result := chosen.result):
         return chosen
     about.caption(frame.segment_line(result.info, result.analysis.case, result.analysis.windows))
-    show.not_acc(result.info)
+    if page != "platoon":  # which has only some of the vehicles, and says it of these
+        show.not_acc(result.info)
     if not (missing := unfinished(result.estimate)):
         return chosen
     with st.container(border=True):
@@ -130,9 +148,9 @@ def parameters_from(
         vehicles = next(published for published in PUBLISHED if published.title == title)
         return KnownVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
     if source == "hand":
-        return KnownVehicles(_typed(choices.get(ROWS, ())), origin=SOURCES[source])
+        return _typed(choices.get(MODEL, PAPER), choices.get(ROWS, ()))
     if source == "several":
-        return _of_several(cars_of(workspace))
+        return of_several(cars_of(workspace))
     result = workspace.result
     if source == "snapshot":
         result = opened(_chosen_snapshot(workspace, entries))
@@ -154,10 +172,12 @@ def parameters_from(
 def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
     """The result and the place in it of each follower, its own result before the present one.
 
-    Empty where no follower of the present result has one of its own.
+    Empty where no follower has one of its own. Without a present result there are these alone.
     """
     result, own = workspace.result, workspace.own_results
-    if result is None or not own.keys() & {*result.info.vehicles[1:]}:
+    if result is None:
+        return tuple((own[number], 0) for number in sorted(own))
+    if not own.keys() & {*result.info.vehicles[1:]}:
         return ()
     return tuple(
         (own[number], 0) if number in own else (result, k)
@@ -165,7 +185,7 @@ def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
     )
 
 
-def _of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
+def of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
     """Vehicles of several results, each near its median speed."""
     labels = [result.info.labels[k + 1] for result, k in cars]
     vehicles = ParameterSet(
@@ -201,42 +221,121 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
     return chosen if chosen in names else names[0]
 
 
-def _edit_rows(workspace: Workspace, key: str) -> None:
-    """A table of vehicles to type into, to begin with those shown last.
+def rows_of(subject: KnownVehicles) -> tuple[str, tuple[Row, ...]]:
+    """The model of some vehicles, and their rows by hand."""
+    vehicles, parameters = subject.vehicles, subject.vehicles.parameters
+    if not parameters.nonlinear.size:
+        rows = zip(vehicles.labels, *parameters.complete.T.tolist(), strict=True)
+        return PAPER, tuple(rows)
+    speeds = _speeds_of(subject).tolist()
+    own = zip(vehicles.labels, *parameters.nonlinear.T.tolist(), speeds, strict=True)
+    return vehicles.model, tuple(own)
 
-    It keeps its own changes while it is on the page.
+
+def _speeds_of(subject: KnownVehicles) -> FloatArray:
+    """(M,) the speeds in m/s at which vehicles are linearised."""
+    count = len(subject.vehicles)
+    if subject.result and subject.speed is None:
+        return subject.result.estimate.speeds[:count]
+    return np.full(count, subject.speed or Sinusoid.speed)
+
+
+def _edit_rows(workspace: Workspace, key: str) -> None:
+    """The model, the number of cars, and a table to type into, to begin with those shown last.
+
+    The table keeps its own changes while it is on the page.
     """
     choices = workspace.choices
+    taken = choices.get(TAKEN) or rows_of(KnownVehicles(ASTAZERO))
     if ROWS not in choices:
-        shown = choices.get(SHOWN, ASTAZERO)
-        each = zip(shown.labels, shown.parameters, strict=True)
-        choices[ROWS] = tuple((label, one.alpha, one.beta, one.tau) for label, one in each)
-    if key not in st.session_state:
-        choices[BASE] = choices[ROWS]
-    number = st.column_config.NumberColumn
+        choices[MODEL], choices[ROWS] = taken
+    model, rows = choices.get(MODEL, PAPER), choices[ROWS]
+
+    def choose_model(chosen: str) -> None:
+        choices[OF_MODELS] = {**choices.get(OF_MODELS, {}), model: rows}
+        usual = tuple((row[0], *_usual_row(chosen)[1:]) for row in rows)
+        change(chosen, choices[OF_MODELS].get(chosen, usual))
+
+    def change(model: str, rows: Sequence[Row]) -> None:
+        choices.update({MODEL: model, ROWS: tuple(rows), EDITION: choices.get(EDITION, 0) + 1})
+
+    def count(cars: float) -> None:
+        last = rows[-1] if rows else _usual_row(model)
+        added = [(f"Vehicle {k + 1}", *last[1:]) for k in range(len(rows), int(cars))]
+        change(model, [*rows[: int(cars)], *added])
+
+    with st.container(horizontal=True, vertical_alignment="bottom"):
+        select("Model", _models(), model, f"{key}_model", choose_model, width=240)
+        st.number_input(
+            "Cars", min_value=1, max_value=MOST, step=1, width=130,
+            help="A further car is like the last; change its values in its row.",
+            **bound(f"{key}_cars", min(max(len(rows), 1), MOST), count),
+        )  # fmt: skip
+    columns = _columns(model)
+    table = f"{key}_{choices.get(EDITION, 0)}"
+    if table not in st.session_state:
+        choices[BASE] = tuple(_padded(row, len(columns)) for row in rows)
     edited = st.data_editor(
-        pd.DataFrame(list(choices[BASE]), columns=list(COLUMNS)),
-        key=key,
+        pd.DataFrame(list(choices[BASE]), columns=[*columns]),
+        key=table,
         num_rows="dynamic",
         hide_index=True,
-        width=560,
-        column_config={
-            COLUMNS[0]: st.column_config.TextColumn(max_chars=40),
-            COLUMNS[1]: number(format="%.4f", step=0.0001, help="Gain on the spacing error"),
-            COLUMNS[2]: number(format="%.4f", step=0.0001, help="Gain on the relative speed"),
-            COLUMNS[3]: number(format="%.3f", step=0.001, help="Desired time headway"),
-        },
+        width=158 + 79 * (len(columns) - 1),
+        column_config=columns,
     )
     choices[ROWS] = tuple(edited.itertuples(index=False, name=None))
+    if taken != (model, rows):
+        st.button(
+            "Take over what was shown", icon=":material/content_copy:", key=f"{key}_take",
+            on_click=change, args=taken,
+            help="The parameters of the estimate, set or snapshot shown before, with all digits.",
+        )  # fmt: skip
 
 
-def _typed(rows: Sequence[tuple[Any, ...]]) -> ParameterSet:
-    """The vehicles of a table of names, α, β and τ; an empty cell is None or nan."""
+def _models() -> dict[str, str]:
+    """The models by their keys: one CTHP, which has all terms, and every other."""
+    others = {key: model.title for key, model in FOLLOWING.items() if not model.is_linear}
+    return {PAPER: "CTHP"} | others
+
+
+def _columns(model: str) -> Mapping[str, Any]:
+    """The columns of a table by hand: no step and no format, so that no digit is lost."""
+    following = FOLLOWING[model]
+    number = st.column_config.NumberColumn
+    parameters = OF_CTHP if following.is_linear else following.parameters
+    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=79) for p in parameters}
+    speed = number(format="%.6g", width=79, help="The speed at which the model is linearised.")
+    text = st.column_config.TextColumn(max_chars=40, width=126)
+    return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
+
+
+def _usual_row(model: str) -> Row:
+    """A vehicle at the typical values of its model; a CTHP without further terms."""
+    following = FOLLOWING[model]
+    if following.is_linear:
+        return ("Vehicle 1", *following.typical[:3].tolist(), *(0.0 for _ in TERMS))
+    return ("Vehicle 1", *following.typical.tolist(), Sinusoid.speed)
+
+
+def _padded(row: Row, length: int) -> Row:
+    """A row with as many cells as the table has columns."""
+    return (*row, *(None for _ in range(length - len(row))))
+
+
+def _typed(model: str, rows: Sequence[Row]) -> KnownVehicles:
+    """The vehicles of a table by hand."""
     if not 0 < len(rows) <= MOST:
         raise ParameterError(
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
-    table = pd.DataFrame(rows)
+    columns = len(_columns(model))
+    table = pd.DataFrame([_padded(row, columns) for row in rows])
     names = table[0].astype(object).fillna("").str.strip()
     known = tuple(name or f"Vehicle {k}" for k, name in enumerate(names, 1))
-    return ParameterSet(BY_HAND, known, Parameters.of(table.iloc[:, 1:].to_numpy(float)))
+    values = table.iloc[:, 1:].to_numpy(float)
+    if FOLLOWING[model].is_linear:
+        typed = typed_vehicles(BY_HAND, model, known, values, np.empty(0))
+        return KnownVehicles(typed, origin=SOURCES["hand"])
+    speeds = values[:, -1]
+    typed = typed_vehicles(BY_HAND, model, known, values[:, :-1], speeds)
+    return KnownVehicles(typed, origin=SOURCES["hand"], typed_speeds=tuple(speeds.tolist()))

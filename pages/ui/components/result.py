@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
+import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.findings import capital
-from accpinn.methods.estimate import History, Outcome
+from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
@@ -20,12 +21,13 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
+from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import bundle
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
-from pages.ui.components import frame, show
+from pages.ui.components import browser, frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
@@ -37,6 +39,8 @@ MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gr
 """Colour and icon of a check's answer: the icons differ in shape."""
 ANSWERS = {True: "yes", False: "no", None: "not known"}
 BANDS = "Bands of α, β and τ: 90 % intervals by the likelihood, which the search maximises."
+THEATRE = (1.45, 1.0)
+"""Relative widths of the curves of an estimation and of its course."""
 CURVES = 400
 """Height in pixels of the chart of the curves, without a panel for the disturbance."""
 CARD = "Parameter card"
@@ -67,7 +71,7 @@ def show_result(
     checks = words.checks(description)
     about = words.about_estimate(description)
     true = words.about_truth(truth, estimate) if truth else ""
-    _show_outcome(estimate.outcome)
+    _show_outcome(estimate)
     strip = strip_of(description.vehicles, description)
     show_strip(
         strip, lambda: _show_cards(description), next_step, page,
@@ -89,8 +93,8 @@ def show_result(
         ),
         "Errors": lambda: _show_errors(result, description, sheets["errors"], follower),
     }
-    if history := result.history:
-        views["Training"] = lambda: _show_history(description, history, truth, page)
+    if result.history:
+        views["Training"] = lambda: _show_course(workspace, result, truth, page, follower, window)
     if description.row(follower).windows:
         views["Windows"] = lambda: _show_windows(workspace, description, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
@@ -168,19 +172,19 @@ def _choose_windows(workspace: Workspace) -> None:
     )  # fmt: skip
 
 
-def _show_outcome(outcome: Outcome) -> None:
+def _show_outcome(estimate: Estimate) -> None:
     """How a training ended that did not end by itself, above what it came to."""
-    if outcome is Outcome.DIVERGED:
-        st.error(outcome.value, icon=":material/error:")
-    elif outcome is Outcome.STOPPED:
-        st.warning(outcome.value, icon=":material/pause_circle:")
+    if estimate.outcome is Outcome.DIVERGED:
+        st.error(estimate.outcome.value, icon=":material/error:")
+    show.messages(unfinished(estimate), "warning", "pause_circle")
 
 
 def _show_checks(checks: Sequence[words.Check]) -> None:
     failing = sum(check.passed is False for check in checks)
     colour, icon = MARKS[not failing]
-    said = f"{failing} of {len(checks)} checks failed" if failing else "All checks passed"
-    with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
+    title = f"{failing} of {len(checks)} checks failed" if failing else "All checks passed"
+    about = "All cars together, every window: whether the estimate as a whole can be relied on."
+    with st.popover(f":{colour}[:material/{icon}:] {title}", key="checks", help=about):
         for check in checks:
             colour, icon = MARKS[check.passed]
             title = f"{check.title}: {ANSWERS[check.passed]}"
@@ -212,25 +216,69 @@ def _show_errors(result: Result, description: Description, table: Table, followe
     show.downloads(table, f"{Path(info.source).stem}_errors", "errors")
 
 
-def _show_history(
-    description: Description, history: History, truth: Parameters | None, page: str
+def _show_course(
+    workspace: Workspace,
+    result: Result,
+    truth: Parameters | None,
+    page: str,
+    follower: int,
+    window: int,
 ) -> None:
-    info, estimate = description.info, description.estimate
-    drawn = figures.training_figures(history, info, estimate.model, truth)
+    """The course of the estimation, which a slider goes through."""
+    history, info, estimate = result.history, result.info, result.estimate
+    assert history is not None
     has_truth = truth is not None and has_terms_of(estimate.model, truth)
     show.follower_key(info, has_truth, info.shares(estimate.case))
+    at = figures.moments_of(history)
+
+    def scrub() -> None:
+        """Draw the slider, and both charts at its iteration."""
+        named = {int(history.iteration[k]): k for k in at}
+        key = f"{page}_moment_{result.analysis.key[:8]}"
+        chosen = workspace.choices.get(key, [*named][-1])
+        chosen = chosen if chosen in named else [*named][-1]
+        if len(named) > 1:
+            st.select_slider(
+                "Iteration", [*named], format_func=lambda iteration: f"{iteration:,}",
+                help="The drive simulated by the parameters of this iteration.",
+                **bound(key, chosen, workspace.keep(key)),
+            )  # fmt: skip
+        theatre(
+            figures.tracking_at(result, follower, window, named[chosen]),
+            figures.course(history, info, estimate.model, truth, moment=named[chosen]),
+            f"{page}_course",
+        )
+
+    st.fragment(scrub)()
     if history.deviations is not None:
         st.caption(BANDS)
-    show.charts([*drawn.items()], page)
+
+
+def theatre(curves: go.Figure, course: go.Figure | None, key: str) -> None:
+    """The curves of an estimation beside the course of its loss and parameters."""
+    with st.container(key=f"theatre_of_{key}"):
+        left, right = st.columns(THEATRE, gap="small")
+        with left:
+            show.chart(curves, f"{key}_curves")
+        if course:
+            with right:
+                show.chart(course, key)
+        browser.holder()(key=f"{key}_held", height=0)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
     """The table of parameters, draws, the card, and all else in one file."""
     stem = Path(result.info.source).stem
+
+    def everything() -> bytes:
+        """Make the file with everything, its report verified as the snapshot was here."""
+        written = snapshot()
+        return bundle(written, library().verification(written.id))
+
     with st.container(horizontal=True):
         show.downloads(table, f"{stem}_parameters", page)
         st.download_button(
-            "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
+            "Download all", everything, f"{stem}_accpinn.zip", "application/zip",
             key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
             help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the"
             " training's history and the curves as numbers. Charts are saved by the camera in their"

@@ -6,7 +6,7 @@ The widgets show what the workspace holds, and report a change through a callbac
 import html
 import re
 import time
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
@@ -106,9 +106,12 @@ def warnings(sentences: Sequence[str], about: str) -> None:
             st.markdown(bullets(sentences[SHOWN:]))
 
 
-def not_acc(about: Segment | SegmentInfo) -> None:
-    """In red, which followers a driver controls; nothing where none."""
-    if hand := about.driven_by_hand:
+def not_acc(about: Segment | SegmentInfo, vehicles: Collection[int] | None = None) -> None:
+    """In red, which followers a driver controls, of some by their numbers; nothing where none."""
+    hand = about.driven_by_hand
+    if hand and vehicles is not None:
+        hand = hand.among(vehicles)
+    if hand:
         messages(hand.sentence(about), "error", "front_hand")
 
 
@@ -217,10 +220,13 @@ def picture(figure: go.Figure, key: str) -> None:
     st.plotly_chart(figure, key=key, config={"staticPlot": True})
 
 
-def charts(drawn: Sequence[tuple[str, go.Figure]], page: str) -> None:
-    """Charts two by two, by name; a row each, so that a narrow screen keeps their order."""
-    for at in range(0, len(drawn), 2):
-        for column, (name, figure) in zip(st.columns(2), drawn[at : at + 2], strict=False):
+def charts(
+    drawn: Sequence[tuple[str, go.Figure]], page: str, widths: Sequence[float] = (1, 1)
+) -> None:
+    """Charts by name, in rows of columns, two by default; a narrow screen keeps their order."""
+    for at in range(0, len(drawn), len(widths)):
+        row = zip(st.columns(widths), drawn[at : at + len(widths)], strict=False)
+        for column, (name, figure) in row:
             with column:
                 chart(figure, f"{page}_{name}")
 
@@ -275,6 +281,23 @@ def upload(label: str, key: str, took: Callable[[str, bytes], object], **look: A
             took(file.name, file.getvalue())
 
     st.file_uploader(label, key=key, on_change=arrived, **look)
+
+
+def upload_several(label: str, key: str, took: Callable[[list[tuple[str, bytes]]], object],
+                   **look: Any) -> None:  # fmt: skip
+    """A field for files; ``took`` gets the names and contents of those that arrive together.
+
+    The field goes on to hold the files that arrived before.
+    """
+
+    def arrived() -> None:
+        before = st.session_state.setdefault(f"{key}_seen", set())
+        new = [file for file in st.session_state[key] or () if file.file_id not in before]
+        before.update(file.file_id for file in new)
+        if new:
+            took([(file.name, file.getvalue()) for file in new])
+
+    st.file_uploader(label, key=key, on_change=arrived, accept_multiple_files=True, **look)
 
 
 def choose_speed(

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from accpinn.channels import MAX_VEHICLES
-from accpinn.recordings import clocks
+from accpinn.recordings import time_forms
 from accpinn.recordings.clocks import FRAME
 from accpinn.recordings.mapping import (
     LONGEST_SHIFT,
@@ -143,7 +143,7 @@ class Fields:
         cells = [row[at].strip() for row in layout.rows if at < len(row)]
         name = self.named(column)
         said = f"{column} [{name.unit}]" if name.unit_cell else column
-        recognised = clocks.recognised(said, cells, layout.decimal)
+        recognised = time_forms.recognised(said, cells, layout.decimal)
         return recognised.form if recognised else "s"
 
     def _time_unit(self, place: Any) -> None:

@@ -12,9 +12,9 @@ import streamlit as st
 from accpinn.findings import Finding
 from accpinn.recordings import Recording
 from accpinn.recordings.clocks import FRAME
-from accpinn.recordings.consistency import Inconsistency
 from accpinn.recordings.draft import Choice, Proposal, roles_of
 from accpinn.recordings.files import contradictions
+from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.mapping import (
     CsvMapping,
     GapColumn,
@@ -189,10 +189,6 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
             [excerpt(choice.column, 40) for choice in rows],
         ),
         (
-            Column("First values"),
-            [_first_values(choice) for choice in rows],
-        ),
-        (
             Column("Holds"),
             [
                 ", ".join([*(role for role, _ in roles.get(choice.column, ())),
@@ -203,6 +199,10 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
         (
             Column("Unit"),
             [next((unit for _, unit in roles.get(choice.column, ())), "") for choice in rows],
+        ),
+        (
+            Column("First values"),
+            [_first_values(choice) for choice in rows],
         ),
         (
             Column("Reason", prose=True),

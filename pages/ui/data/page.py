@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import takewhile
 from math import ceil
+from pathlib import Path
 from typing import Any
 
 import streamlit as st
@@ -19,9 +20,10 @@ from accpinn.results import recording as words
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
+from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
-from accpinn.segment.quality import Grade, Regimes
+from accpinn.segment.quality import Grade, Rating, Regimes
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
@@ -32,7 +34,12 @@ from pages.ui.data.sources import OPENING, ask, choose_source, read_anew
 from pages.ui.data.views import choose_validation
 from pages.ui.reproduction import table_buttons
 from pages.ui.session.pending import Pending
-from pages.ui.session.resources import rated, whole_drive, windows_in_car_following
+from pages.ui.session.resources import (
+    rated,
+    rated_windows,
+    whole_drive,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import TITLE_OF, Workspace
 
 CASES: Mapping[Case, str] = {
@@ -55,6 +62,7 @@ MARKS = {
 }
 """Colour and icon of a grade: the icons differ in shape."""
 TOOLS = ("zoom2d", "pan2d", "select2d", "zoomIn2d", "zoomOut2d", "resetScale2d")
+TOOLS_OF_SEVERAL = tuple(tool for tool in TOOLS if tool != "select2d")
 _STYLE = f"""<style>
 .st-key-data_handles {{ padding: 0 {figures.MARGIN_RIGHT}px 0 {figures.MARGIN}px;
   margin: -0.3rem 0 -1.5rem; }}
@@ -95,10 +103,19 @@ def show_page(workspace: Workspace) -> None:
             choose_source(workspace)
     banner(workspace)
     whole, regimes, information = whole_drive(recording, workspace.asked.vehicles)
+    every = windows_in_car_following(recording, workspace.asked.vehicles)
+    rows: tuple[RatedWindow, ...] = ()
+    if used := workspace.several_windows:
+        asked = workspace.asked
+        rows = rated_windows(recording, every, used, asked.vehicles, asked.excluded)
     with st.container(key="later_1_data"):
-        _controls(workspace, recording, information)
-    _show_overview(workspace, recording, whole, regimes)
-    _assessment(workspace, recording)
+        _controls(workspace, recording, information, len(every))
+    _show_overview(workspace, recording, whole, regimes, rows)
+    if rows:
+        _show_windows(workspace, recording, rows)
+    else:
+        _assessment(workspace, recording)
+    _train_button(workspace, rows)
     drawn = {
         "Window": lambda: views.show_window(workspace, workspace.segment),
         "Regimes": lambda: views.show_regimes(workspace, recording),
@@ -106,6 +123,8 @@ def show_page(workspace: Workspace) -> None:
         "Changes to the data": lambda: views.show_changes(workspace),
         "About the recording": lambda: views.show_about(recording),
     }
+    if rows:
+        del drawn["Window"]
     tabs(workspace, "data_tabs", drawn)
 
 
@@ -141,10 +160,21 @@ def _change_columns_button(workspace: Workspace, recording: Recording) -> None:
 # What is chosen
 
 
-def _controls(workspace: Workspace, recording: Recording, information: Information) -> None:
-    has_cases = len(workspace.asked.vehicles) > 2
-    widths = (1.3, 1.3, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.4)
-    columns = st.columns(widths, gap="small", vertical_alignment="bottom")
+def _controls(
+    workspace: Workspace, recording: Recording, information: Information, count: int
+) -> None:
+    """Vehicles and Case, all of the ``count`` windows or one, and that one window."""
+    has_cases, is_one = len(workspace.asked.vehicles) > 2, not workspace.several_windows
+    has_choice = count > 0
+    widths = [1.3, 1.3]
+    widths += [1.1] if has_cases else []
+    widths += [1.6] if has_choice else []
+    own_row = [1.12, 0.95, 1.4]
+    if is_one and not has_choice:
+        widths += own_row
+    columns = st.columns(
+        [*widths, max(0.01, 7.2 - sum(widths))], gap="small", vertical_alignment="bottom"
+    )[:-1]
     _choose_vehicles(workspace, recording, columns[:2])
     if has_cases:
         with columns[2]:
@@ -153,9 +183,32 @@ def _controls(workspace: Workspace, recording: Recording, information: Informati
                 lambda case: workspace.choose(case=case), labelled=True,
                 help="  \n".join(CASES.values()),
             )  # fmt: skip
-    _choose_window(workspace, recording, columns[-3:-1])
-    with columns[-1]:
+    if has_choice:
+        with columns[2 + has_cases]:
+            _choose_which(workspace, count)
+    if not is_one:
+        return
+    own = columns[-3:] if not has_choice else (
+        st.columns([*own_row, 7.2 - sum(own_row)], gap="small", vertical_alignment="bottom")[:-1]
+    )  # fmt: skip
+    _choose_window(workspace, recording, own[:2])
+    with own[2]:
         _suggest(workspace, recording, information)
+
+
+def _choose_which(workspace: Workspace, count: int) -> None:
+    """Whether the training takes all windows in car-following, or one that is chosen."""
+
+    def change(which: str) -> None:
+        workspace.window_starts = None if which == "all" else ()
+
+    segments(
+        "Train on", {"all": f"{count} windows", "one": "One window"},
+        "all" if workspace.several_windows else "one", "data_which", change, labelled=True,
+        help="All windows in which every follower is in car-following, or one of your own."
+        " Intervals narrow with every window of the same vehicles, more than by any refinement in"
+        " one. Short stretches of catching up stay in a window.",
+    )  # fmt: skip
 
 
 def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
@@ -193,14 +246,11 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
     now = workspace.asked.window
-    labels = ("Window starts at [s]", "and lasts [s]")
-    if workspace.several_windows:
-        labels = ("Or one window from [s]", "that lasts [s]")
     fields = (
-        (labels[0], "data_start", now.start, recording.duration,
+        ("Window starts at [s]", "data_start", now.start, recording.duration,
          lambda start: choose(start, workspace.asked.window.duration),
          "In the recording's time, from its first sample."),
-        (labels[1], "data_length", now.duration, float(ceil(recording.duration)),
+        ("and lasts [s]", "data_length", now.duration, float(ceil(recording.duration)),
          lambda length: choose(workspace.asked.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
@@ -221,8 +271,7 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
         )  # fmt: skip
         return
     taken = suggestion.window == workspace.asked.window
-    name = "Best" if workspace.several_windows else "Suggested"
-    label = "As suggested" if taken else f"{name}: {suggestion.window}"
+    label = "As suggested" if taken else f"Suggested: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
         help="The window that tells most about α, β and τ, and why.",
@@ -241,9 +290,16 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
 
 
 def _show_overview(
-    workspace: Workspace, recording: Recording, whole: Segment, regimes: Regimes
+    workspace: Workspace,
+    recording: Recording,
+    whole: Segment,
+    regimes: Regimes,
+    rows: Sequence[RatedWindow],
 ) -> None:
-    """The whole recording over time; dragging over it, or the handles below, set the window."""
+    """The whole recording over time, with several windows or one.
+
+    Dragging over the chart, or the handles below, set the one.
+    """
     (leader, *followers), highlight = workspace.asked.vehicles, 0
     with st.container(horizontal=True, vertical_alignment="center"):
         view = segments(
@@ -277,10 +333,13 @@ def _show_overview(
     driving = figures.regime_ribbons(whole, regimes)
     figure = figures.overview(
         recording, workspace.asked.vehicles, workspace.asked.window, (drivers, driving), view,
-        highlight, workspace.several_windows,
+        highlight, rows,
     )  # fmt: skip
-    show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
-    _handles(workspace, recording, take)
+    if rows:
+        show.chart(figure, f"{CHART}_windows", TOOLS_OF_SEVERAL)
+    else:
+        show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
+        _handles(workspace, recording, take)
     with st.container(horizontal=True, vertical_alignment="center", gap="large"):
         if drivers:
             show.key(figures.strip_key(drivers).items(), title="Upper bars, driver:")
@@ -290,7 +349,8 @@ def _show_overview(
             show.key([("jump of the gap", figures.JUMP)], title="×:")
         if view == "time gap":
             show.key((), dotted="longest in car-following")
-        table_buttons(workspace, "data")
+        with st.container(horizontal=True, vertical_alignment="center", width="content"):
+            table_buttons(workspace, "data")
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
@@ -323,56 +383,74 @@ def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
 # What the window is worth, and the next step
 
 
+def _show_windows(workspace: Workspace, recording: Recording, rows: Sequence[RatedWindow]) -> None:
+    """What each window is worth, in one table, and which of them are used."""
+    names = {row.window.start: str(row.number) for row in rows}
+
+    def change(starts: Sequence[float]) -> None:
+        if starts:  # the last one stays
+            is_whole = len(starts) == len(rows)
+            workspace.window_starts = None if is_whole else tuple(sorted(starts))
+
+    segment = workspace.segment
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.pills(
+            "Windows in the training", list(names), selection_mode="multi",
+            format_func=lambda start: names.get(start, str(start)), label_visibility="visible",
+            **bound("data_windows_on", [row.window.start for row in rows if row.is_used], change,
+                    default="default"),
+        )  # fmt: skip
+        st.space("stretch")
+        table = words.windows_table(recording.source, rows)
+        show.downloads(table, f"{Path(recording.source).stem}_windows", "data_windows")
+    if segment:
+        st.html(figures.WINDOWS_STYLE + figures.windows_html(rows, segment))
+    used = [row for row in rows if row.is_used and row.ratings]
+    wrong = [rating for row in used for rating in row.ratings if rating.question == "consistent"]
+    if poor := [rating for rating in wrong if rating.grade is Grade.POOR]:
+        _show_wrong(workspace, recording, poor[0])
+    if segment:
+        show.not_acc(segment)
+
+
 def _assessment(workspace: Workspace, recording: Recording) -> None:
+    """What the chosen window is worth, a check each."""
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")
-    else:
-        ratings = rated(recording, workspace.segments)
-        with st.container(horizontal=True):
-            for rating in ratings:
-                colour, icon = MARKS[rating.grade]
-                label = words.WORDS[rating.question][rating.grade]
-                with st.popover(f":{colour}[:material/{icon}:] {label}"):
-                    st.markdown(escape_markdown(words.MEANING[rating.question]))
-                    if (count := len(workspace.windows)) > 1:
-                        st.caption(f"This is the worst of the {count} windows.")
-                    if reasons := messages(rating.findings, segment):
-                        st.markdown(show.bullets(reasons))
-        wrong = next(rating for rating in ratings if rating.question == "consistent")
-        if wrong.grade is Grade.POOR:  # whatever is learned of such gaps is wrong
-            file = workspace.table_of_recording
-            if file and recording.mapping:
-                show_cures(
-                    recording, recording.mapping,
-                    lambda mapping: read_anew(workspace, file, mapping), "data",
-                )  # fmt: skip
-            else:
-                show.messages(messages(wrong.findings, segment), "warning")
-        show.not_acc(segment)
-        _choose_all_windows(workspace, recording)
-    _train_button(workspace)
+        return
+    ratings = rated(recording, segment)
+    with st.container(horizontal=True):
+        for rating in ratings:
+            colour, icon = MARKS[rating.grade]
+            label = words.WORDS[rating.question][rating.grade]
+            figure = words.figure_of(rating)
+            counted = f": {figure}" if rating.grade in (Grade.FAIR, Grade.POOR) else ""
+            with st.popover(f":{colour}[:material/{icon}:] {label}{counted}"):
+                st.markdown(escape_markdown(words.MEANING[rating.question]))
+                column = words.FIGURES[rating.question]
+                st.markdown(f"{escape_markdown(column.title)}: **{escape_markdown(figure)}**")
+                if reasons := messages(rating.findings, segment):
+                    st.markdown(show.bullets(reasons))
+    wrong = next(rating for rating in ratings if rating.question == "consistent")
+    if wrong.grade is Grade.POOR:
+        _show_wrong(workspace, recording, wrong)
+    show.not_acc(segment)
 
 
-def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
-    """Whether to train on all windows in car-following, where there are several."""
-    count = len(windows_in_car_following(recording, workspace.asked.vehicles))
-    if count:
-        every = "both" if count == 2 else f"all {count}"
-
-        def change(is_on: bool) -> None:
-            workspace.window_starts = None if is_on else ()
-
-        st.toggle(
-            f"Train on {every} windows in car-following",
-            **bound("data_all_windows", len(workspace.several_windows) == count, change),
-            help="Intervals narrow with every window of the same vehicles, more than by any"
-            " refinement in one. Short stretches of catching up stay in a window. The tabs below"
-            " show the window above.",
+def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> None:
+    """What is against the gaps, and what would cure it: whatever is learned of them is wrong."""
+    file = workspace.table_of_recording
+    if file and recording.mapping:
+        show_cures(
+            recording, recording.mapping, lambda mapping: read_anew(workspace, file, mapping),
+            "data",
         )  # fmt: skip
+    elif workspace.segment:
+        show.messages(messages(wrong.findings, workspace.segment), "warning")
 
 
-def _train_button(workspace: Workspace) -> None:
+def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
     segment, parts, asked = workspace.segment, [TITLE_OF[workspace.preset]], None
     windows = workspace.windows
@@ -385,12 +463,13 @@ def _train_button(workspace: Workspace) -> None:
         parts.append(f"Case {workspace.asked.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
         asked = workspace.analysis()
-    if segment and asked:
+    is_usable = segment is not None and not any(row.fault for row in rows if row.is_used)
+    if is_usable and asked:
         seconds = METHODS[asked.method].expected_seconds(workspace.segments, asked.config)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
-        disabled=segment is None, key="data_train",
+        disabled=not is_usable, key="data_train",
     ):  # fmt: skip
         if asked:
             workspace.train()

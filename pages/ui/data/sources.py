@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
-from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import Recording, files
@@ -118,6 +118,7 @@ def read_anew(workspace: Workspace, file: File, mapping: CsvMapping) -> None:
 
 def choose_source(workspace: Workspace) -> None:
     """A field for a file; beside each other the samples, and the runs and files on the server."""
+    _choose_opened(workspace)
     drop_zone(workspace)
     left, right = st.columns(2, gap="large")
     with left:
@@ -134,23 +135,69 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
     Once a file has been opened, the app turns to the page ``then``; a table that asks for something
     does so where it was dropped.
     """
-    limit = int(config.get_option("server.maxUploadSize"))
 
-    def took(name: str, raw: bytes) -> None:
+    def took(given: list[tuple[str, bytes]]) -> None:
+        (name, raw), *others = given
         open_file(workspace, raw, name)
         st.session_state[TURN] = "" if workspace.pending else then
+        if others:
+            _open_beside(workspace, others)
 
-    show.upload(
-        "Drop a recording here: a table of speeds and gaps, from OpenACC or your own. CSV, Excel,"
-        f" Parquet or SUMO XML, also as .gz; up to {limit} MB.",
+    show.upload_several(
+        "Drop recordings here: speeds and gaps, from OpenACC or your own.",
         "data_upload",
         took,
-        help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
-        " of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
-        " other table you see first how its columns are understood. A recording is kept in memory"
-        " alone.",
+        help="CSV, Excel, Parquet or SUMO XML, also as .gz. OpenACC: columns Time, Speed1, Speed2,"
+        " .. in m/s and IVS1, .. in m, below five rows of metadata. Tables of leader-follower pairs"
+        " (ULTra-AV) are read as they are; of any other table you see first how its columns are"
+        " understood. A recording is kept in memory alone.",
     )
     show.flashed()
+
+
+def _open_beside(workspace: Workspace, others: list[tuple[str, bytes]]) -> None:
+    """Open further files of one drop, as far as they ask nothing; the first one stays shown.
+
+    Raises:
+        RecordingError: where some cannot be opened beside it; the others are open.
+    """
+    left = []
+    for name, raw in others:
+        try:
+            file = files.opened(raw, name)
+            mapping = workspace.mappings.get(file.names) if file.is_unknown else None
+            if file.trajectories or (file.is_unknown and mapping is None):
+                left.append(f"{name} has to be opened by itself, as its columns are asked for")
+                continue
+            remembered = replace(file, mapping=mapping) if mapping else file
+            workspace.remember_beside(remembered.read())
+        except AccpinnError as fault:
+            left.append(str(fault).rstrip("."))
+    beside = f"{len(others) - len(left)} of {len(others)} further recordings are open"
+    where = "page Data, Open another recording, lists them; page Database estimates all together"
+    if left:
+        raise RecordingError(f"{beside} ({where}). {'; '.join(left)}.")
+    show.flash("success", f"{beside}: {where}.")
+
+
+def _choose_opened(workspace: Workspace) -> None:
+    """The other recordings that are open in this session, each with a button to show it."""
+    now = workspace.recording
+    others = [one for one in workspace.opened.values() if one is not now]
+    if not others:
+        return
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.caption("Also open", width="content")
+        for one in others:
+
+            def turn(recording: Recording = one) -> None:
+                workspace.open(recording)
+                st.session_state[OPENING] = False
+
+            st.button(
+                escape_markdown(one.source), key=f"data_opened_{one.sha256[:12]}", type="tertiary",
+                icon=":material/timeline:", on_click=turn,
+            )  # fmt: skip
 
 
 def _choose_sample(workspace: Workspace) -> None:

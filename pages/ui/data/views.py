@@ -1,5 +1,6 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
@@ -19,7 +20,7 @@ from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut,
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from pages.ui.components import show
 from pages.ui.components.show import bound, select
-from pages.ui.session.resources import windows_in_car_following
+from pages.ui.session.resources import segment_of, windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
 REGIMES = {
@@ -43,7 +44,8 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
     if workspace.recording is None:
         show.not_acc(segment)
     table = tables.quality_table(segment.info, quality, estimate)
-    show.table(table, vehicle_colours(segment.vehicles)[1:])
+    untitled = replace(table, caption="")  # the heading above says what it is of
+    show.table(untitled, vehicle_colours(segment.vehicles)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
         " all other figures are of all instants."
@@ -63,16 +65,22 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
 
 
 def show_changes(workspace: Workspace) -> None:
-    """What was done to the window's data before anything is estimated from them."""
-    segment = workspace.segment
-    if segment is None:
+    """What was done to the data of the window, or windows, before anything is estimated."""
+    parts = workspace.segments
+    if not parts:
         st.caption("The window cannot be used yet.")
         return
-    changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
-    if changes:
-        st.markdown(show.bullets(messages(changes, segment)))
-    else:
-        st.caption("None: every sample of the window is used as it was recorded.")
+    is_changed = False
+    for segment in parts:
+        changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
+        if changes:
+            is_changed = True
+            if len(parts) > 1:
+                st.markdown(f"**{segment.window}**")
+            st.markdown(show.bullets(messages(changes, segment)))
+    if not is_changed:
+        of = "the windows" if len(parts) > 1 else "the window"
+        st.caption(f"None: every sample of {of} is used as it was recorded.")
 
 
 def show_about(recording: Recording) -> None:
@@ -94,19 +102,19 @@ def show_about(recording: Recording) -> None:
 
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
-    """Shares, and the user's choice."""
-    window = workspace.asked.window
-    try:  # with all its instants, whatever is left out now
-        segment = cut(recording, window.start, window.duration, workspace.asked.vehicles)
+    """Shares of the window, or of the windows together, and the user's choice."""
+    vehicles, excluded = workspace.asked.vehicles, workspace.asked.excluded
+    try:  # with all their instants, whatever is left out now
+        parts = [segment_of(recording, window, vehicles, ()) for window in workspace.windows]
     except SegmentError:
         st.caption("The window cannot be used yet.")
         return
-    regimes, excluded = label_regimes(segment, recording), workspace.asked.excluded
-    table = tables.regimes_table(segment.info, regimes)
+    regimes = [label_regimes(part, recording) for part in parts]
+    table = tables.regimes_table([part.info for part in parts], regimes)
     show.table(table)
-    if not any(regimes.mode_known):
+    if not any(any(part.mode_known) for part in regimes):
         st.caption("The file has no driver modes, so no instant counts as manual.")
-    show.downloads(table, f"{Path(segment.source).stem}_regimes", "data_regimes")
+    show.downloads(table, f"{Path(recording.source).stem}_regimes", "data_regimes")
     st.markdown("**Leave out of the model's equations**")
     with st.container(horizontal=True):
         for name in EXCLUDABLE:
@@ -164,7 +172,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     if learned and not stretches:
         st.caption(
             "All of this recording is learned from, so nothing is left to validate on. Learn from"
-            " fewer windows (page Train, tab Windows), or open another recording of these vehicles."
+            " fewer windows (switch some off above), or open another recording of these vehicles."
         )
         _upload(workspace)
         show_validation(workspace)
@@ -178,8 +186,8 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         if not spare:
             st.caption(
                 "All windows in car-following are learned from; what is offered here is the rest,"
-                " in which errors are larger. To keep one for validation, switch it off on page"
-                " Train, tab Windows, or open another recording of these vehicles."
+                " in which errors are larger. To keep one for validation, switch it off above, or"
+                " open another recording of these vehicles."
             )
     first = spare[0] if spare else first_window(chosen, stretches, workspace.asked.window.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.asked.window}"

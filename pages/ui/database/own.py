@@ -1,26 +1,32 @@
-"""Whose studies page Database lists: the user's own, and one that a link opens.
+"""Whose studies page Database lists: the user's own, the supplied one, and one that a link opens.
 
 Where all users are one person, a study is a folder below that of `ACCPINN_STUDIES`. On a server
 that others use, each user's studies lie one level lower, in a folder named by a digest of whose
 they are, so nobody learns another's names, nor meets them when choosing one. A study is called by
 its name; an administrator's list has those of others as "_DIGEST/NAME". A link has "NAME@KEY": the
 key, 128 random bits that are made when the owner first sees the study, names it in the folder
-`_links`.
+`_links`. The study that comes with the program has a name that none of these can have.
 """
 
 import secrets
 from contextlib import suppress
 from pathlib import Path
+from shutil import rmtree
 
 from accpinn.errors import AccpinnError, ConfigError
 from accpinn.storage import folder, reported, write_whole
-from accpinn.study.studies import FILE, StudyError, state_of, study_path
+from accpinn.study.studies import DROPPED, FILE, StudyError, state_of, study_path
+from accpinn.study.supplied import supplied_study
 from pages.ui.session.resources import batch_queue
 from pages.ui.session.sessions import is_admin, owner_mark, sees_all
 
 OWNERS, LINKS, LINK = "_", "_links", ".link"
 """What the name of a user's folder begins with, the folder of links, and in a study the file with
 the key of its link. No study's name begins with "_" or a point."""
+SUPPLIED, SUPPLIED_TITLE = "supplied:openacc", "OpenACC cars (supplied)"
+"""Name and title of the study that comes with the program."""
+MOST_DROPPED = 1_000_000_000
+"""Largest size of all files that were dropped for batches, in bytes."""
 DIGITS = 32
 """Of a digest in the name of a user's folder."""
 
@@ -50,6 +56,10 @@ def path_of(session: str, name: str) -> Path:
     Raises:
         ConfigError: for what is no name, a link that is none, and another's study.
     """
+    if name == SUPPLIED:
+        if (supplied := supplied_study()) is None:
+            raise ConfigError("study: the supplied study is not installed here.")
+        return supplied
     title, is_link, key = name.partition("@")
     if is_link:
         return _linked(title, key)
@@ -61,12 +71,12 @@ def path_of(session: str, name: str) -> Path:
 
 def is_changed_by(name: str) -> bool:
     """Whether whoever opened a study by that name may continue and stop its batch."""
-    return "@" not in name
+    return "@" not in name and name != SUPPLIED
 
 
 def title_of(name: str) -> str:
     """What a study is called: its own name."""
-    return name.partition("@")[0].rpartition("/")[2]
+    return SUPPLIED_TITLE if name == SUPPLIED else name.partition("@")[0].rpartition("/")[2]
 
 
 def task_owner(path: Path) -> str:
@@ -92,6 +102,28 @@ def link_to(session: str, name: str) -> str:
         write_whole(links / key, task_owner(path).encode())
         write_whole(path / LINK, key.encode())
     return f"{path.name}@{key}"
+
+
+def make_room(session: str, name: str, nbytes: int) -> None:
+    """Make room for files that were dropped for a study: those of others, now idle, are removed.
+
+    Raises:
+        StudyError: where the files of all users together would be too large.
+    """
+    active = batch_queue().active_owners("batch")
+    for other in own_studies(session):
+        path = path_of(session, other)
+        if other != name and "/" not in other and task_owner(path) not in active:
+            rmtree(path / DROPPED, ignore_errors=True)
+    files = (
+        path for level in ("*", "*/*")
+        for path in folder("studies").glob(f"{level}/{DROPPED}/**/*") if path.is_file()
+    )  # fmt: skip
+    if sum(path.stat().st_size for path in files) + nbytes > MOST_DROPPED:
+        raise StudyError(
+            f"This server keeps {MOST_DROPPED / 1e9:g} GB of dropped files, which are in use; wait"
+            " until a batch has ended."
+        )
 
 
 def _place(session: str) -> Path:

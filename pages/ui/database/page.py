@@ -13,11 +13,11 @@ from urllib.parse import urlencode
 import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.errors import ConfigError
 from accpinn.methods.estimate import SPEEDS
 from accpinn.methods.registry import COMPARED
-from accpinn.model.registry import FOLLOWING
 from accpinn.recordings import Window
 from accpinn.results import database as results
 from accpinn.results.figures import database as figures
@@ -25,16 +25,13 @@ from accpinn.results.figures.stability import EXACT, L2
 from accpinn.study import studies as on_disk
 from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure
+from accpinn.study.supplied import read_about, supplied_study
 from pages.ui.components import frame, show
-from pages.ui.components.show import bound, escape_markdown, kept, select, tabs
+from pages.ui.components.show import bound, escape_markdown, select, tabs
 from pages.ui.database import own, running
-from pages.ui.session.resources import batch_queue, find_recording, title_of_variant
+from pages.ui.session.resources import find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
-LEAD = (
-    "Which headway and gains each make, model and distance setting has, how sure that is, and how"
-    " many are string stable."
-)
 LISTED = 100
 """Failures that are shown; the file has all of them."""
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
@@ -89,27 +86,33 @@ class ShownRows:
 def show_page(workspace: Workspace) -> None:
     _follow_link(workspace)
     names = own.own_studies(workspace.id)
+    is_first = not names
     asked = workspace.choices.get("database_study", "")
-    if not own.is_changed_by(asked):
+    if "@" in asked:
         with suppress(ConfigError):
             own.path_of(workspace.id, asked)
             names = (asked, *names)
+    if supplied_study():
+        names = (*names, own.SUPPLIED)
     refused = asked not in names and running.show_refusal(workspace, asked)
     if not names:
-        st.caption(LEAD)
         show.messages(
             "There is no study here yet. A study holds the estimates from every window in"
-            " car-following under ACC of a folder of recordings: choose the folder, then start."
+            " car-following under ACC of many recordings: choose these, then start."
         )
         with st.container(border=True):
             running.show_form(workspace)
         return
-    if asked not in names:
-        if asked and not refused:
+    study = asked if asked in names else names[0]
+    if study != asked and not refused:  # why a batch was refused stands until another is chosen
+        if asked:
             show.messages(f"There is no study {own.title_of(asked)[:60]} here.", "warning")
-        choose(workspace, study=names[0])
-    _show_head(workspace, names)
-    show.attempt(lambda: _show_body(workspace, workspace.choices["database_study"]))
+        choose(workspace, study=study)
+    with st.container(horizontal=True, vertical_alignment="bottom", key="database_head"):
+        _choose_study(workspace, names, study)
+        place = st.container(horizontal=True, vertical_alignment="bottom", width="content")
+        _show_actions(workspace, study, is_first)
+    show.attempt(lambda: _show_body(workspace, study, place))
     _write_link(workspace)
 
 
@@ -119,43 +122,48 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
     workspace.choices.update(changes, database_row=None)
 
 
-def _show_body(workspace: Workspace, study: str) -> None:
+def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
+    """A study's batch and rows; what is chosen of them stands in ``place``."""
     folder = own.path_of(workspace.id, study)
     state = on_disk.state_of(folder)
     running.show_batch(workspace, study, on_disk.read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
     if len(rows):
-        _show_study(workspace, study, state, rows)
+        _show_study(workspace, study, state, rows, place)
         return
-    is_active = own.task_owner(folder) in batch_queue().active_owners("batch")
     show.messages(
-        "The table appears here within seconds of the first window that is done."
-        if is_active else "The study has no rows yet."
+        "The picture appears here within seconds of the first window that is done."
+        if running.is_active(workspace, study) else "The study has no rows yet."
     )  # fmt: skip
     if state:
         _show_failures(on_disk.read_failures(folder), study)
 
 
-def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
-    named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
-    with named:
-        select(
-            "Study", {name: _label(name) for name in names}, workspace.choices["database_study"],
-            "database_study",
-            lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
-            help="The estimates from one folder of recordings; the one written to last is first.",
-        )  # fmt: skip
-    popover = new.popover(
-        "New batch", icon=":material/playlist_add:", width="stretch", key="database_new",
-        on_change="rerun",
-        help="Estimate the parameters from all windows of a folder of recordings.",
+def _choose_study(workspace: Workspace, names: tuple[str, ...], study: str) -> None:
+    select(
+        "Study", {name: _label(name) for name in names}, study,
+        "database_study",
+        lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
+        width=280,
+        help="The estimates from many recordings; your own come first, the one written to last on"
+        " top.",
+    )  # fmt: skip
+
+
+def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
+    """The way to a study of one's own, and the link to what is shown."""
+    popover = st.popover(
+        "Start your own" if is_first else "New study", icon=":material/playlist_add:",
+        key="database_new", type="primary" if is_first else "secondary", on_change="rerun",
+        help="Estimate the parameters from all windows of many recordings: dropped here, or in a"
+        " folder of the server.",
     )  # fmt: skip
     if popover.open:
         with popover:
             running.show_form(workspace)
-    with link.popover("Link to this view", icon=":material/share:", width="stretch"):
+    with st.popover("Link", icon=":material/share:"):
         st.caption("It opens this study with these filters, without your session.")
-        shared = own.link_to(workspace.id, workspace.choices["database_study"])
+        shared = own.link_to(workspace.id, study)
         parameters = _parameters(workspace) | {"study": (shared,)}
         show.address(f"Database?{urlencode(parameters, doseq=True)}")
 
@@ -163,37 +171,44 @@ def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
 def _label(name: str) -> str:
     """What the list of studies says of one."""
     owner = name.rpartition("/")[0][1:7]
-    whose = "" if own.is_changed_by(name) else " (by a link)"
+    whose = " (by a link)" if "@" in name else ""
     return own.title_of(name) + (f" (of {owner})" if owner else whose)
 
 
-def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFrame) -> None:
-    folder = own.path_of(workspace.id, study)
+def _show_study(
+    workspace: Workspace, study: str, state: State, rows: pd.DataFrame, place: DeltaGenerator
+) -> None:
+    folder, is_supplied = own.path_of(workspace.id, study), study == own.SUPPLIED
     study = folder.name
-    with st.container(key="later_1_database_filters"):
+    with place:
         filters, method, by = _show_filters(workspace, rows)
     selected = shown(str(folder), state, tuple(filters.items()), method, by)
     failures = on_disk.read_failures(folder)
-    if selected.whole is None:
+    whole = selected.whole
+    if whole is None:
         show.messages("No row has these properties; take a filter back.")
         return
-    found, chart = st.columns((1, 2.1), gap="medium")
-    with found, st.container(border=True):
-        st.markdown(f"#### {escape_markdown(results.headline(selected.whole))}")
-        said = results.extent(selected.whole, selected.makes, selected.recordings)
-        if selected.rows["distance_setting"].nunique() > 1:
-            said += " Several distance settings together."
-        st.markdown(escape_markdown(f"{said} {results.typical_line(selected.whole)}"))
-        st.caption(results.TYPICAL)
-        if line := results.failures_line(failures):
-            st.caption(f":material/error: {escape_markdown(line)}")
-    with chart:
-        _show_forest(selected, results.batch_line(on_disk.read_request(folder)))
+    st.markdown(
+        f"**{escape_markdown(results.headline(whole))}**",
+        help=escape_markdown(results.further_vehicles(whole)) or None,
+    )
+    parts = (
+        results.extent(whole, selected.makes, selected.recordings),
+        results.typical_line(whole),
+        results.batch_line(on_disk.read_request(folder)),
+        results.failures_line(failures),
+    )
+    show.caption(" · ".join(filter(None, parts)))
+    if is_supplied:
+        show.caption(results.supplied_line(read_about(folder)), results.OPENACC)
+    show.chart(selected.forest, "database_forest")
+    _show_key(selected)
     tabs(workspace, "database_tabs", {
-        "Groups": lambda: _show_groups(selected, f"{study}_by_{by}"),
-        "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
+        "Time gap over speed": lambda: _show_gaps(workspace, rows, selected),
         "α–β plane": lambda: _show_plane(workspace, rows, selected),
-        "Time gap": lambda: _show_gaps(workspace, rows, selected),
+        "Numbers": lambda: _show_groups(selected, f"{study}_by_{by}"),
+        "Parameters": lambda: _show_parameters(selected),
+        "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
         "All rows": lambda: _show_rows(workspace, rows, selected, study),
         "Failures": lambda: _show_failures(failures, study),
     })  # fmt: skip
@@ -204,47 +219,46 @@ def _show_filters(
 ) -> tuple[dict[str, tuple[str, ...]], str, str]:
     """The controls; by column the values that are shown where not all are, method and grouping."""
     choices, filters = workspace.choices, dict[str, tuple[str, ...]]()
-    columns = st.columns(
-        (0.95, 0.95, 0.95, 0.95, 0.8, 1.15), gap="small", vertical_alignment="bottom"
-    )
-    for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
-        there, key = sorted(rows[name].unique()), f"database_{name}"
-        values = [value for value in choices.get(key, ()) if value in there]
-
-        def chosen(values: list[str], name: str = name) -> None:
-            choose(workspace, **{name: tuple(values)})
-
-        column.multiselect(
-            label, there, placeholder="All", **bound(key, values, chosen, default=""),
-            help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
-        )  # fmt: skip
-        choices[key] = tuple(values)
-        if values:
-            filters[name] = choices[key]
+    values = {name: sorted(rows[name].unique()) for name in FILTERS}
+    for name, there in values.items():
+        kept = choices[f"database_{name}"] = tuple(
+            value for value in choices.get(f"database_{name}", ()) if value in there
+        )
+        if kept:
+            filters[name] = kept
     method = str(choices.get("database_method"))
     if method not in (known := list(dict.fromkeys(rows["method"]))):
         method = COMPARED[0] if COMPARED[0] in known else known[0]
     choices["database_method"] = method
     by = choices["database_by"] = select(
-        "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "make",
-        "database_by", workspace, place=columns[5],
+        "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "setting",
+        "database_by", workspace, width=180,
         help="What the rows of a group have in common.",
     )  # fmt: skip
+    count = f" ({len(filters)})" if filters else ""
+    with st.popover(f"Filter{count}", icon=":material/filter_alt:", key="database_filter"):
+        for name, there in values.items():
+
+            def chosen(values: list[str], name: str = name) -> None:
+                choose(workspace, **{name: tuple(values)})
+
+            st.multiselect(
+                FILTERS[name], there, placeholder="All",
+                **bound(f"database_{name}", list(filters.get(name, ())), chosen, default=""),
+                help=f"Only rows with one of these; all where none is chosen. {len(there)} are"
+                " there.",
+            )  # fmt: skip
     return filters, method, by
 
 
-def _show_forest(selected: ShownRows, about: str) -> None:
-    show.chart(selected.forest, "database_forest")
+def _show_key(selected: ShownRows) -> None:
+    """What the marks of the picture mean, briefly, and all of it on hovering."""
+    speed = SPEEDS[-1]
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
-    is_linear = FOLLOWING[selected.groups.model].is_linear
-    near = "" if is_linear else " α and β are those near the median speed."
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
-    st.caption(
-        f"Typical value of each group with its {level:.0f} % interval: of its one vehicle, or of"
-        " all such vehicles where it has several. Thin: the time gap in a further window; an"
-        " arrowhead: the interval goes on; a larger dot: more windows; a ring: no window reaches"
-        f" {3.6 * SPEEDS[-1]:.0f} km/h, so its time gap is extrapolated.{near}{more} {about}"
-    )
+    rings = not all(group.is_driven(speed) for group in selected.groups.groups)
+    ring = f" Ring: extrapolated, as no window reaches {3.6 * speed:.0f} km/h." if rings else ""
+    show.caption(f"Bars: {level:.0f} % intervals.{ring}{more}", results.TYPICAL)
 
 
 # What is read of a study
@@ -319,15 +333,19 @@ def _asked() -> dict[str, tuple[str, ...]]:
 
 
 def _show_groups(selected: ShownRows, name: str) -> None:
-    show.table(results.group_table(selected.groups))
-    st.caption(
+    show.table(results.ranking_table(selected.groups))
+    show.caption(
+        "Of several vehicles: their share, and in brackets that of all such vehicles.",
         "In brackets: intervals of the typical value. With one vehicle that is its own; with"
-        " several it is that of all such vehicles, so it is wide where they are few. With *: no"
-        " window holds that speed, so the model extrapolates. String stable: of one vehicle the"
-        " probability; of several their share, and in brackets that of all such vehicles."
-        " Measured: the median of the windows' mean time gaps, at whatever speed was driven."
+        " several it is that of all such vehicles, so it is wide where they are few. String stable:"
+        " of one vehicle the probability. Measured: the median of the windows' mean time gaps, at"
+        " whatever speed was driven.",
     )
     show.downloads(results.group_table(selected.groups), name, "database_groups")
+
+
+def _show_parameters(selected: ShownRows) -> None:
+    show.table(results.group_parameters_table(selected.groups))
 
 
 def _show_spread(selected: ShownRows, name: str) -> None:
@@ -358,36 +376,24 @@ def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
 def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
     """α and β of each row, and where string stability begins."""
     whose = _choose_method(workspace, rows)
-    with st.container(horizontal=True, vertical_alignment="center"):
-        show.key(
-            [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
-             ("no gap control, α = 0 (cross)", figures.IDLE), ("L₂ boundary", L2),
-             ("L∞ boundary, exact (dashed)", EXACT)]
-        )  # fmt: skip
-        in_units_of_tau = st.toggle(
-            "In units of τ", **kept(workspace, "database_units", False),
-            help="Draws ατ² and βτ: the boundaries are then the same for every vehicle.",
-        )  # fmt: skip
-    figure = figures.plane(selected.rows, in_units_of_tau)
+    has_lines = figures.has_common_boundaries(selected.rows)
+    lines = [("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)] if has_lines else []
+    present = [look for look, part in figures.classified(selected.rows) if part.any()]
+    show.key([*((name, colour) for name, colour, _ in present), *lines])
+    figure = figures.plane(selected.rows)
     _chart(figure, "database_plane", workspace)
-    tau = selected.rows["tau"].median()
-    where = "" if in_units_of_tau else (
-        f" The boundaries are those of the median τ, {tau:.2f} s; a vehicle with another τ has"
-        " others."
+    boundary = "" if has_lines else (
+        " No boundary is drawn: with a lag or a delay each vehicle has its own."
     )  # fmt: skip
     away = figures.beyond(figure)
     out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
-    st.caption(
-        f"{whose} String stable above the lines.{where}{out} The verdicts are the CTHP's, without"
-        " the further terms of the study's model, by which the table and the sentence above judge."
-        " Click on a point to open its window."
-    )
+    st.caption(f"{whose}{boundary}{out} Click on a point to open its window.")
     _show_chosen(workspace, rows, selected)
 
 
 def _show_gaps(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
     parts = selected.rows[list(selected.groups.by)].itertuples(index=False, name=None)
-    labels = tuple(map(figures.label_of, parts))
+    labels = tuple(map(results.label_of, parts))
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
     _chart(figures.gap_against_speed(selected.rows, labels), "database_gaps", workspace)
     st.caption(

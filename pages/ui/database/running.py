@@ -4,6 +4,7 @@ import math
 import os
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
@@ -12,11 +13,13 @@ from accpinn.errors import ConfigError
 from accpinn.methods.registry import VARIANTS
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
-from accpinn.results.database import estimate_line, progress_line, summary_line
+from accpinn.recordings.containers import LIMIT_BYTES
+from accpinn.results.database import counted, estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress
+from accpinn.study.dropped import Dropped, take
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
-from accpinn.study.studies import Request, study_path
+from accpinn.study.studies import DROPPED, Request, study_path
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
@@ -35,17 +38,27 @@ REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
            math.inf: "whole stretches"}  # fmt: skip
-DEFAULT_METHODS = ("pinn", "least-squares")
+DEFAULT_METHODS = ("pinn",)
 ALL = "all recordings"
-KEPT_CHOICES = ("database_by", "database_tabs", "database_units")
+KEPT_CHOICES = ("database_by", "database_tabs")
 """Choices among those of this page that hold for another study, too."""
-DEFAULT_NAME = "OpenACC"
+DEFAULT_NAME = "My study"
+UPLOAD = "database_upload"
+"""The entry in Streamlit's session state with the files that were dropped."""
 
 
 def _task(workspace: Workspace, study: str) -> Task[BatchProgress] | None:
+    if study == own.SUPPLIED:
+        return None
     with suppress(ConfigError):  # no name of a study
         return batch_queue().of(own.task_owner(own.path_of(workspace.id, study)), "batch")
     return None
+
+
+def is_active(workspace: Workspace, study: str) -> bool:
+    """Whether the batch of a study waits or runs."""
+    task = _task(workspace, study)
+    return task is not None and task.is_active
 
 
 def _start(workspace: Workspace, study: str, request: Request) -> None:
@@ -81,7 +94,8 @@ def show_batch(workspace: Workspace, study: str, request: Request | None) -> Non
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
     line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    if request is not None and not finished and is_own and _is_at_hand(request):
+    at_hand = request is not None and _is_at_hand(request, own.path_of(workspace.id, study))
+    if request is not None and not finished and is_own and at_hand:
         button.button(
             "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
             key="database_continue", on_click=_start, args=(workspace, study, request),
@@ -98,10 +112,11 @@ def show_refusal(workspace: Workspace, study: str) -> bool:
     return True
 
 
-def _is_at_hand(request: Request) -> bool:
-    """Whether all recordings lie in the server's folder."""
-    root = recordings_folder()
-    return all(Path(source).resolve().is_relative_to(root) for source in request.sources)
+def _is_at_hand(request: Request, study: Path) -> bool:
+    """Whether all recordings lie in the server's folder, or were dropped for the study."""
+    roots = recordings_folder(), (study / DROPPED).resolve()
+    paths = [Path(source).resolve() for source in request.sources]
+    return all(path.exists() and any(map(path.is_relative_to, roots)) for path in paths)
 
 
 def _watch(task: Task[BatchProgress]) -> None:
@@ -136,22 +151,31 @@ def _estimated(path: Path, window: float) -> BatchEstimate:
 
 def show_form(workspace: Workspace) -> None:
     """What a new batch is to do, how long that takes, and the button that starts it."""
-    root = recordings_folder()
+    _show_drop_zone(workspace)
+    root, dropped = recordings_folder(), workspace.dropped.files
     below = folders(root)
-    if not below:
-        show.messages(
-            "The server's folder of recordings is empty. Download published runs on page Data, or"
-            " put files there; ACCPINN_RECORDINGS names the folder."
-        )
+    if not (below or dropped):
+        st.caption("Or download published runs into the server's folder of recordings.")
         frame.link(frame.DATA, "Go to Data", workspace)
         return
     most = os.cpu_count() or 1
     source_column, name_column = st.columns((1.4, 1), vertical_alignment="bottom")
-    source = select(
-        "Recordings", {name: ALL if name == "." else name for name in below}, below[0],
-        "database_source", workspace, place=source_column,
-        help="A folder on the server; all CSV files in it and below.",
-    )  # fmt: skip
+    if dropped:
+        source = ""
+        source_column.caption(
+            f"{counted(len(dropped), 'file')} dropped, {workspace.dropped.nbytes / 1e6:.1f} MB"
+        )
+        if below:
+            source_column.button(
+                "Take the server's folder instead", key="database_undrop", type="tertiary",
+                on_click=_undrop, args=(workspace,),
+            )  # fmt: skip
+    else:
+        source = select(
+            "Recordings", {name: ALL if name == "." else name for name in below}, below[0],
+            "database_source", workspace, place=source_column,
+            help="A folder on the server; all CSV files in it and below.",
+        )  # fmt: skip
     name = name_column.text_input(
         "Name of the study", max_chars=60,
         **kept(workspace, "database_name", _free_name(workspace)),
@@ -181,14 +205,15 @@ def show_form(workspace: Workspace) -> None:
         **kept(workspace, "database_workers", most),
         help=f"Processes at a time; this server has {most} processors.",
     )  # fmt: skip
-    path = root / source
-    estimate = show.attempt(lambda: _estimated(path, window))
+    estimate = None
+    if not dropped:
+        estimate = show.attempt(lambda: _estimated(root / source, window))
     if estimate and methods:
         duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
     is_allowed = bool(name) and show.attempt(lambda: _named(workspace, name)) is not None
     request = Request(
-        sources=(str(path),),
+        sources=() if dropped else (str(root / source),),
         methods=tuple(methods),
         window=None if math.isinf(window) else window,
         case=case,
@@ -197,9 +222,29 @@ def show_form(workspace: Workspace) -> None:
     )
     st.button(
         "Start the batch", type="primary", icon=":material/play_arrow:", key="database_start",
-        disabled=not (estimate and methods and is_allowed),
+        disabled=not ((estimate or dropped) and methods and is_allowed),
         on_click=_start_from, args=(workspace, name, request),
     )  # fmt: skip
+
+
+def _show_drop_zone(workspace: Workspace) -> None:
+    """The field for files of the user's own, and a sentence for each that is refused."""
+
+    def arrived() -> None:
+        given = st.session_state[UPLOAD] or ()
+        workspace.dropped = take((file.name, file.getvalue()) for file in given)
+
+    st.file_uploader(
+        "Drop recordings here, several at once or as a zip archive", key=UPLOAD,
+        accept_multiple_files=True, on_change=arrived,
+        help=f"Up to {LIMIT_BYTES / 1e6:.0f} MB together. They lie in the study's folder on the"
+        " server until its batch has ended, and are then removed; the study keeps figures alone.",
+    )  # fmt: skip
+    show.messages(workspace.dropped.refused, "warning")
+
+
+def _undrop(workspace: Workspace) -> None:
+    workspace.dropped = Dropped()
 
 
 def _named(workspace: Workspace, name: str) -> Path:
@@ -215,6 +260,10 @@ def _free_name(workspace: Workspace) -> str:
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
+    if workspace.dropped.files and not is_active(workspace, name):
+        own.make_room(workspace.id, name, workspace.dropped.nbytes)
+        paths = workspace.dropped.save(own.path_of(workspace.id, name))
+        request, workspace.dropped = replace(request, sources=paths), Dropped()
     _start(workspace, name, request)
     workspace.choices = {
         key: value for key, value in workspace.choices.items()

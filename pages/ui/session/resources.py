@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Container, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from math import inf, nan
@@ -15,9 +16,10 @@ from accpinn.methods.registry import METHODS, VARIANTS
 from accpinn.recordings import Recording, Window, files
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
+from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import Information
 from accpinn.storage import folder, is_text, printable, shipped, variable
 from accpinn.study import Analysis
@@ -32,8 +34,8 @@ from pages.ui.server import is_open
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_CHOICES = 16
-"""The latest choices of recording, vehicles and window for which is kept what follows."""
+KEPT_CHOICES, KEPT_WINDOWS = 16, 64
+"""The latest choices of recording and vehicles, and of windows, for which is kept what follows."""
 TASK_VARIABLE, BATCH_VARIABLE = "ACCPINN_TASK_MINUTES", "ACCPINN_BATCH_MINUTES"
 """Environment variables with the longest time of a training, comparison or download, and of a
 batch, in minutes; "inf" for none."""
@@ -225,7 +227,7 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@lru_cache(maxsize=KEPT_WINDOWS)
 def segment_of(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
@@ -238,10 +240,29 @@ def segment_of(
     return segment
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
-def rated(recording: Recording, segments: tuple[Segment, ...]) -> tuple[Rating, ...]:
-    """What windows are worth together: for each question the worst of them."""
-    return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
+@lru_cache(maxsize=KEPT_WINDOWS)
+def rated(recording: Recording, segment: Segment) -> tuple[Rating, ...]:
+    """What a window is worth."""
+    return rate(segment, recording, assess_quality(segment))
+
+
+def rated_windows(
+    recording: Recording,
+    windows: Sequence[Window],
+    used: Container[Window],
+    vehicles: tuple[int, ...],
+    excluded: tuple[str, ...],
+) -> tuple[RatedWindow, ...]:
+    """What each of several windows is worth, and which are used."""
+
+    def row(number: int, window: Window) -> RatedWindow:
+        try:
+            segment = segment_of(recording, window, vehicles, excluded)
+        except SegmentError as fault:
+            return RatedWindow(number, window, window in used, fault=str(fault))
+        return RatedWindow(number, window, window in used, rated(recording, segment))
+
+    return tuple(row(number, window) for number, window in enumerate(windows, 1))
 
 
 @lru_cache(maxsize=KEPT_CHOICES)

@@ -249,6 +249,12 @@ class Workspaces:
             names = list(self._kept)
         return next((self.find(name) for name in names if key_of(name) == key), None)
 
+    def training(self) -> tuple[Workspace, ...]:
+        """Those in which a training runs or waits."""
+        with self._lock:
+            every = [workspace for _, workspace in self._kept.values()]
+        return tuple(w for w in every if w.training and w.training.is_active)
+
     def _forget(self) -> None:
         """Let go of those that nobody has used for long, and of the longest unused of too many.
 
@@ -390,6 +396,12 @@ def recent_sessions(workspace: Workspace) -> list[tuple[str, Shown]]:
     return [(key, shown) for key, shown in latest.values() if key != own][:RECENT]
 
 
+def training_elsewhere(workspace: Workspace) -> tuple[Workspace, ...]:
+    """The person's other sessions in which a training runs or waits."""
+    others = (other for other in workspaces().training() if other is not workspace)
+    return tuple(other for other in others if sees_all() or other.owner == workspace.owner)
+
+
 def go_on(key: str) -> Workspace:
     """The workspace of a session in that list, as it is or as the store has it."""
     if workspace := workspaces().known_as(key):
@@ -400,10 +412,28 @@ def go_on(key: str) -> Workspace:
     return workspace
 
 
-def runs_to_see(workspace: Workspace) -> tuple[Entry, ...]:
-    """The finished runs of this computer, or of the user where others use the server."""
-    owner = "" if sees_all() else owner_mark(workspace.id)
-    return tuple(entry for entry in store().entries(session=owner) if not entry.fault)
+def results_to_see(workspace: Workspace) -> tuple[Entry, ...]:
+    """The person's own results, the newest first: finished runs, and snapshots of no such run.
+
+    They are those of this computer, or of the user where others use the server. A run that was
+    saved as a snapshot has its name.
+    """
+    session = workspace.id
+    is_everything = sees_all()
+    entries = store().entries(session="" if is_everything else owner_mark(session))
+    runs = {_content(entry): entry for entry in reversed(entries) if not entry.fault}
+    marks = owner_mark(session), digest(session)
+    for entry in reversed(library().entries()):
+        is_mine = is_everything or library().owner(entry.id) in marks
+        if is_mine and not entry.fault:
+            run = runs.get(_content(entry), entry)
+            runs[_content(entry)] = replace(run, name=entry.name)
+    return tuple(sorted(runs.values(), key=lambda entry: entry.created, reverse=True))
+
+
+def _content(entry: Entry) -> tuple[object, ...]:
+    """What tells whether two entries are of the same result."""
+    return entry.sha256, entry.window, entry.numbers, entry.method, entry.model, entry.parameters
 
 
 def resume(workspace: Workspace, document: bytes) -> None:

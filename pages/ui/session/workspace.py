@@ -1,6 +1,6 @@
 """What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
-from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
+from accpinn.methods.pinn.config import DEFAULT, PRESET_INFOS, PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS, VARIANTS, recommended_method, variant_name
 from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
@@ -20,11 +20,13 @@ from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
+from accpinn.study.dropped import Dropped
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of
 from accpinn.study.snapshot import prepare_snapshot
 from accpinn.study.store import Entry
+from accpinn.study.verification import Verification
 from accpinn.tasks import (
     Part,
     Task,
@@ -33,9 +35,11 @@ from accpinn.tasks import (
     series_task,
     starts_task,
     training_task,
+    verification_task,
 )
 from pages.ui.session import resources
 from pages.ui.session.pending import Pending
+from pages.ui.session.resources import library
 
 Found = TypeVar("Found")
 ParameterSource = Literal["estimate", "several", "published", "snapshot", "hand"]
@@ -45,19 +49,27 @@ KEPT_RECORDINGS, KEPT_EARLIER = 4, 2 * len(VARIANTS)
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
 """What is asked before anything is open."""
-TITLE_OF: dict[PresetName, str] = {
-    "calibrated": "Recommended",
-    "fast": "Fast",
-    "paper": "Paper",
-}
+TITLE_OF = {preset: about.title for preset, about in PRESET_INFOS.items()}
 """The presets' names on pages, in their order."""
 Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
 """What was asked, the starts of the windows, and the result."""
+TRAINING, LEFT = "training", "earlier training"
+"""Kinds of the present training and of one that was left, which a new training does not end."""
 
 
 def digest(secret: str) -> str:
     """What the server keeps in place of a secret, as of a session's name."""
     return sha256(secret.encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """A training that goes on while something else is open, and what was open with it."""
+
+    task: Task[Result]
+    recording: Recording | None
+    restored: Result | None
+    """The result that was shown until it has one; its data where there is no recording."""
 
 
 @dataclass(eq=False)
@@ -87,7 +99,7 @@ class Workspace:
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
-    preset: PresetName = "calibrated"
+    preset: PresetName = DEFAULT
     """This one stands for the recommended method of the model, whichever that is."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
@@ -104,6 +116,12 @@ class Workspace:
     """Car-following models on the recording's windows."""
     cars: dict[int, Task[Result]] = field(default_factory=dict)
     """Followers estimated alone, by their numbers in the open recording."""
+    verifications: dict[str, Task[Verification]] = field(default_factory=dict)
+    """Running and ended verifications of snapshots, by the snapshots' short names."""
+    left: tuple["Left", ...] = ()
+    """Trainings that go on although something else was opened or chosen, the latest last."""
+    ended: tuple[str, ...] = ()
+    """Kinds of other tasks that ended because something else was opened or chosen, until said."""
     restored: Result | None = None
     """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
@@ -118,6 +136,8 @@ class Workspace:
     """The result when the source was chosen; a newer one is shown in place of the choice."""
     choices: dict[str, Any] = field(default_factory=dict)
     """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
+    dropped: Dropped = field(default_factory=Dropped)
+    """Files that were dropped on page Database for a batch that is not started yet."""
     opened: dict[str, Recording] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
     steps: tuple[Step, ...] = ()
@@ -141,10 +161,13 @@ class Workspace:
 
     @property
     def nbytes(self) -> int:
-        """Memory that its recordings take, and the files of its tables, in bytes."""
+        """Memory that its recordings take, and the files of its tables and batches, in bytes."""
         known = sum(recording.nbytes for recording in self.opened.values())
         held = {id(file): file for file in (self.table, self.pending and self.pending.file) if file}
-        return known + sum(file.nbytes for file in held.values())
+        others = {id(one.recording): one.recording for one in self.left if one.recording}
+        away = (other for other in others.values() if self.opened.get(other.sha256) is not other)
+        files = sum(file.nbytes for file in held.values())
+        return known + files + self.dropped.nbytes + sum(other.nbytes for other in away)
 
     @property
     def spec(self) -> ModelSpec:
@@ -171,7 +194,7 @@ class Workspace:
             asked = analysis_of(self.restored.segments, asked)
         else:
             return None
-        if preset == "calibrated" and (method := recommended_method(asked.spec.model)) != "pinn":
+        if preset == DEFAULT and (method := recommended_method(asked.spec.model)) != "pinn":
             return asked.with_method(method)
         settings = PRESETS[preset].to_json() | self.settings.get(preset, {})
         return asked.with_method("pinn", PinnConfig.from_json(settings))
@@ -289,6 +312,7 @@ class Workspace:
         else:
             window, starts = first_window(recording, complete_windows(recording, vehicles)), None
             asked = Analysis.of(recording, (window,), vehicles)
+        self._leave()
         self._leave_recording()
         self.recording = recording
         self.segment = self.validation = None
@@ -310,6 +334,13 @@ class Workspace:
         self.opened = {**self.opened, recording.sha256: recording}
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
+
+    def remember_beside(self, recording: Recording) -> None:
+        """The same of one that is not shown; the recording that is shown stays the latest."""
+        self.remember(recording)
+        if self.recording:
+            self.opened.pop(self.recording.sha256, None)
+            self.remember(self.recording)
 
     def restore(self, result: Result, recording: Recording | None = None) -> None:
         """Show a result on every page.
@@ -338,7 +369,7 @@ class Workspace:
                 config = PinnConfig.from_json(asked.settings)
                 self.preset, self.settings[config.preset] = config.preset, config.changes()
         elif asked.has_posterior:
-            self.preset = "calibrated"
+            self.preset = DEFAULT
         else:
             return
         self.specs[self.preset] = asked.spec
@@ -367,9 +398,15 @@ class Workspace:
             self.window_starts = ()
         elif asked.vehicles != before.vehicles:  # whose windows are others
             self.window_starts = None if self.window_starts else self.window_starts
+        self._cut()
+
+    def _cut(self) -> None:
+        """Cut the chosen window; where that is impossible, the reason is kept."""
         try:
             if self.recording:
-                self.segment = self._segment_of(self.recording, asked.window)
+                self.segment = self._segment_of(self.recording, self.asked.window)
+            elif self.restored:
+                self.segment = self.restored.segment
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
@@ -379,6 +416,9 @@ class Workspace:
         *steps, (asked, starts, result) = self.steps
         self._ask(asked)
         self.window_starts, self.restored, self.steps = starts, result, tuple(steps)
+        with suppress(ConfigError):  # the page shows what is wrong with a setting
+            if self.left and (asked_now := self.analysis()):
+                self._rejoined(asked_now)
 
     def choose_model(self, model: str) -> None:
         """Choose the model of the present preset, by its key; results stay."""
@@ -396,6 +436,8 @@ class Workspace:
                 self.restored = self.result
             self._record([self.result])
             self.choose_source("estimate")
+            if self._rejoined(asked):
+                return
             task = training_task(
                 self.id, asked, self.recording, resources.store(), self._data, anew,
                 shown_to=self._shown_to,
@@ -415,6 +457,31 @@ class Workspace:
         )
         self.cars[vehicle] = self._submit(task)
         self.choose_source("several")
+
+    def verify(self, snapshot: Result, recording: Recording | None) -> None:
+        """Queue the verification of a snapshot, also against its recording where that is given."""
+        task = verification_task(self.id, snapshot, recording, library())
+        self.verifications[snapshot.id] = self._submit(task)
+
+    def use_models(self, models: Mapping[int, str]) -> None:
+        """Let followers have models, by number: those of another than the result's are estimated.
+
+        Pages Stability and Platoon then show the cars together.
+        """
+        result = self.result if self.result and self.result.is_finished else None
+        for vehicle, model in models.items():
+            task = self.cars.get(vehicle)
+            if result and vehicle in result.info.vehicles[1:] and result.estimate.model == model:
+                if task:
+                    task.stop()
+                self.cars.pop(vehicle, None)
+            elif not (task and task.analysis and task.analysis.spec.model == model and (
+                task.is_active or task.result
+            )):  # fmt: skip
+                if task:
+                    task.stop()
+                self.estimate_car(vehicle, model)
+        self.choose_source("several" if self.cars else "estimate")
 
     def _submit(self, task: Task[Found]) -> Task[Found]:
         """Queue a task; all sessions of a user take turns with others as one."""
@@ -494,7 +561,8 @@ class Workspace:
     def tasks(self) -> tuple[Task[Any], ...]:
         """All that were asked for."""
         others = (self.reproduction,) if self.reproduction else ()
-        return (*self._of_segment, *self.cars.values(), *others)
+        verifying, left = self.verifications.values(), (one.task for one in self.left)
+        return (*self._of_segment, *self.cars.values(), *others, *verifying, *left)
 
     @property
     def _of_segment(self) -> tuple[Task[Any], ...]:
@@ -504,18 +572,66 @@ class Workspace:
     def _leave(self) -> None:
         """Make rows of the present results, and end what still runs on this segment.
 
-        A training that is stopped leaves its checkpoint, from which an equal one goes on.
+        A training goes on: its result is among the session's runs once it is there.
         """
         self._record([*self.compared, self.result])
         self.chosen_source = self.parameter_source
+        if self.training:
+            self._leave_running(self.training)
         for task in self._of_segment:
-            task.stop()
+            if task is not self.training:
+                self.ended += (task.kind,) * task.is_active
+                task.stop()
         self.training = self.comparison = self.starts = self.judgement = self.restored = None
 
+    def _rejoined(self, asked: Analysis) -> bool:
+        """Whether a training of an equal analysis was left and still runs; it is the present one.
+
+        A training is not run twice.
+        """
+        for left in self.left:
+            earlier = left.task.analysis
+            if left.task.is_active and earlier and earlier.key == asked.key:
+                self._take_up(left)
+                return True
+        return False
+
+    def _leave_running(self, task: Task[Result]) -> None:
+        """Put a training that runs or waits among those that were left."""
+        if task.is_active and not task.is_stopping:
+            task.kind = LEFT
+            self.left = (*self.left, Left(task, self.recording, self.restored))
+
+    def go_back(self, left: Left) -> None:
+        """Open again what was open with a training that was left, and that training."""
+        asked = left.task.analysis
+        assert asked is not None
+        self._leave()
+        if left.recording is not self.recording:
+            self._leave_recording()
+        self.recording, self.restored, self.steps = left.recording, left.restored, ()
+        if self.recording:
+            self.remember(self.recording)
+        self.validation = None
+        self.take(asked)
+        self.choose_source("estimate")
+        self._cut()
+        self._take_up(left)
+
+    def forget(self, left: Left) -> None:
+        """Name a training that was left no longer; its result stays among the runs."""
+        self.left = tuple(one for one in self.left if one is not left)
+
+    def _take_up(self, left: Left) -> None:
+        """Make a training that was left the present one again."""
+        self.forget(left)
+        left.task.kind = TRAINING
+        self.training = left.task
+
     def _leave_recording(self) -> None:
-        """Forget the cars of the recording."""
+        """Forget the cars of the recording; the estimates that still run go on."""
         for task in self.cars.values():
-            task.stop()
+            self._leave_running(task)
         self.cars = {}
 
     def _record(self, results: Sequence[Result | None]) -> None:

@@ -3,23 +3,22 @@
 import html
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from itertools import islice, zip_longest
+from datetime import UTC, datetime
+from itertools import zip_longest
 from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 import streamlit as st
 
 from accpinn.errors import RecordingError
 from accpinn.methods.registry import title_of as method_title
+from accpinn.results.figures.runs import STYLE, Axes
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import SIMULATION, driven, tracking
-from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.tables import ABSENT, Cell, Column, Table
 from accpinn.results.tables.estimates import (
-    EVERY_FOLLOWER,
-    PARAMETER_COLUMNS,
     gap_column,
     name_of,
     parameter_cells,
@@ -32,105 +31,142 @@ from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
-from pages.ui.session.sessions import own_result
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.sessions import DIGEST, own_result
+from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
 """Colour of the second result's curves; the first one's is that of every simulation."""
-LISTED = 20
-"""Rows at most; a search finds the others."""
-WIDTHS = (3.2, 4.0, 2.6, 1.4)
-"""Widths of a row's cells: name, where it is from, parameters, what can be done with it."""
+LISTED, FEW = 10, 4
+"""Rows at most, and before all are asked for; a search finds the others."""
+WIDTHS = (2.1, 4.4, 1.1)
+"""Widths of a row's cells: name and data, estimates and time, what can be done with it."""
 
 
 def show_entries(
+    workspace: Workspace,
     entries: Sequence[Entry],
     key: str,
     open_entry: Callable[[Entry], None],
     action: Callable[[Entry], None] | None = None,
     help: str | None = None,
+    title: str = "",
 ) -> None:
-    """The rows, with a field to search them where they are many.
+    """A row each, with time gaps and growths on common axes, and a field to search where many are.
 
-    A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry.
+    A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry. A
+    long list shows few rows until all are asked for.
     """
-    matching = entries
-    if len(entries) > LISTED // 4:
+    is_long = len(entries) > FEW
+    matching, asked = entries, ""
+    if is_long:
+        if title:
+            st.markdown(f"**{title}**")
+            title = ""
         asked = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
-            placeholder="name, recording, vehicle or method",
+            placeholder="name, recording, vehicle or method", label_visibility="collapsed",
         )  # fmt: skip
-        words = (asked or "").casefold().split()
-        matching = [entry for entry in entries if all(word in entry.words for word in words)]
-    for entry in islice(matching, LISTED):
-        with st.container(key=f"{key}_row_{entry.id}"):
-            cells = st.columns(WIDTHS, vertical_alignment="center")
-            cells[0].button(
-                escape_markdown(title_of(entry)), key=f"{key}_open_{entry.id}", type="tertiary",
-                icon=":material/error:" if entry.fault else ":material/inventory_2:",
-                on_click=open_entry, args=(entry,), help=help,
-            )  # fmt: skip
-            for cell, line in zip(cells[1:], _lines(entry), strict=False):
-                cell.caption(escape_markdown(line))
-            if action:
-                with cells[3]:
-                    action(entry)
-    hidden = len(matching) - LISTED
-    if hidden > 0:
-        st.caption(f"{hidden} more: search for them.")
-    elif not matching:
+        matching = [entry for entry in entries if entry.matches(asked or "")]
+    is_short = is_long and not asked and not workspace.choices.get(f"{key}_all")
+    rows = matching[: FEW if is_short else LISTED]
+    if rows:
+        _show_rows(rows, key, open_entry, action, help, title)
+    hidden = len(matching) - len(rows)
+    if not matching:
         st.caption("Nothing has these words.")
+    elif is_short:
+        st.button(
+            f"Show all {len(entries)}", key=f"{key}_more", type="tertiary",
+            icon=":material/expand_more:", on_click=workspace.keep(f"{key}_all"), args=(True,),
+        )  # fmt: skip
+    elif hidden:
+        show.caption(f"{len(rows)} of {len(matching)} are shown: search for the others.")
+
+
+def _show_rows(
+    entries: Sequence[Entry],
+    key: str,
+    open_entry: Callable[[Entry], None],
+    action: Callable[[Entry], None] | None,
+    help: str | None,
+    title: str,
+) -> None:
+    axes, now = Axes.of([entry for entry in entries if not entry.fault]), _now()
+    widths = WIDTHS if action else WIDTHS[:2]
+    with st.container(gap=None, key=f"runs_{key}"):
+        st.html(STYLE)
+        with st.container(key=f"runs_head_{key}"):
+            first, second, *_ = st.columns(widths, vertical_alignment="bottom")
+            first.markdown(f"**{title}**" if title else "")
+            second.html(axes.head())
+        for entry in entries:
+            with st.container(key=f"{key}_row_{entry.id}", gap=None):
+                named, drawn, *more = st.columns(widths, vertical_alignment="center")
+                with named.container(gap=None):
+                    about = escape_markdown(_about(entry))
+                    st.button(
+                        escape_markdown(title_of(entry)), key=f"{key}_open_{entry.id}",
+                        type="tertiary", icon=f":material/{_icon(entry)}:",
+                        on_click=open_entry, args=(entry,),
+                        help="\n\n".join(filter(None, (about, help))),
+                    )  # fmt: skip
+                    if not entry.name.strip():
+                        st.caption(about)  # a name says what it names
+                drawn.html(axes.row(entry, now)) if not entry.fault else drawn.caption("damaged")
+                if action and more:
+                    with more[0]:
+                        action(entry)
+
+
+def _now() -> datetime:
+    """Now, in the time zone of the browser."""
+    try:
+        return datetime.now(ZoneInfo(st.context.timezone or "UTC"))
+    except (ZoneInfoNotFoundError, ValueError, TypeError):
+        return datetime.now(UTC)
+
+
+def _icon(entry: Entry) -> str:
+    return "error" if entry.fault else "inventory_2" if is_snapshot(entry) else "show_chart"
+
+
+def is_snapshot(entry: Entry) -> bool:
+    """Whether it is kept as a snapshot; else it is a run."""
+    return len(entry.id) < DIGEST
 
 
 def title_of(saved: Entry | Result) -> str:
-    """What a saved result is called: its name, or else method and Case."""
+    """What a saved result is called: its name, or else its recording; of a result, the method."""
     if saved.name.strip():
         return saved.name.strip()
-    if isinstance(saved, Result):
-        title, case = name_of(saved.estimate), f", Case {saved.estimate.case}"
-    else:
-        title = method_title(saved.method)
-        title += f" ({saved.preset} preset)" if saved.preset else ""
-        case = f", Case {saved.case}"
-    return (title + case * (len(saved.parameters) > 1)) or saved.id
+    if isinstance(saved, Entry):
+        return saved.source or saved.id
+    case = f", Case {saved.estimate.case}" * (len(saved.parameters) > 1)
+    return (name_of(saved.estimate) + case) or saved.id
 
 
-def _lines(entry: Entry) -> tuple[str, ...]:
-    """Where it is from, and its first parameters."""
+def _about(entry: Entry) -> str:
+    """Its data and method, as far as its title does not say them."""
     if entry.fault:
-        return "damaged", "–"
-    first, last = (entry.vehicles[end] for end in (0, -1))
-    windows = entry.window.split(", ")
-    when_driven = entry.window if len(windows) == 1 else f"{len(windows)} windows"
-    where = f"{entry.source}, {when_driven}, {first} to {last}"
-    when = entry.created[:16].replace("T", " ")
-    return f"{where} · saved {when} UTC", first_estimate(entry)
-
-
-def first_estimate(entry: Entry) -> str:
-    """The first follower's time gap, or its parameters where there is none.
-
-    Parameters have the digits that their intervals support.
-    """
-    shared = entry.case == "I" and len(entry.parameters) > 1
-    label = EVERY_FOLLOWER if shared else entry.vehicles[1]
-    if entry.time_gap:
-        return f"{label}: {time_gap_in_words(entry.time_gap, entry.speed)}"
-    unknown = ((np.nan,) * 3,)
-    sets = (entry.parameters, entry.lower or unknown, entry.upper or unknown)
-    own = zip(PARAMETER_COLUMNS, map(Quantity, *(rows[0] for rows in sets)), strict=True)
-    shown = (
-        f"{column.title} {replace(column, is_brief=True).shown(estimate)} {column.unit}"
-        for column, estimate in own
-    )
-    return f"{label} by {method_title(entry.method)}: {', '.join(shown)}"
+        return "cannot be read"
+    windows, cars = entry.window.split(", "), entry.vehicles[1:]
+    parts = [
+        entry.source if entry.name.strip() else "",
+        entry.window if len(windows) == 1 else f"{len(windows)} windows",
+        cars[0] if len(cars) == 1 else f"{len(cars)} followers",
+        TITLE_OF[entry.preset] if entry.preset in TITLE_OF else method_title(entry.method),
+        f"Case {entry.case}" if entry.case == "I" and len(cars) > 1 else "",
+    ]
+    return " · ".join(filter(None, parts))
 
 
 def choose_entry(
     workspace: Workspace, label: str, key: str, entries: Sequence[Entry], **look: Any
 ) -> str:
     """The short name of one of them; at first of the newest. ``look`` is as of `select`."""
-    known = {entry.id: f"{title_of(entry)} · {entry.source} · {entry.id[:6]}" for entry in entries}
+    known = {
+        entry.id: " · ".join((title_of(entry), _about(entry), entry.id[:6])) for entry in entries
+    }
     return select(label, known, entries[0].id, key, workspace, **{"width": 520} | look)
 
 
@@ -272,8 +308,8 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
 # Finished runs
 
 
-def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
-    """The list, whose rows show a training again, and two of them beside each other."""
+def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: str = "") -> None:
+    """The list, whose rows show a result again, and two of them beside each other."""
 
     def restore(entry: Entry) -> None:
         restore_run(workspace, entry.id)
@@ -281,16 +317,16 @@ def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
 
     show.flashed()
     show_entries(
-        entries, key, restore,
-        help="Shows this run on every page. The present result stays in this list.",
+        workspace, entries, key, restore, title=title,
+        help="Shows this result on every page. The present one stays in this list.",
     )  # fmt: skip
-    if len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
+    is_whole = len(entries) <= FEW or workspace.choices.get(f"{key}_all")
+    if is_whole and len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
         first = choose_entry(workspace, "Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first]
         second = choose_entry(workspace, "Beside", f"{key}_second", others)
         both = (own_result(workspace, run).found_in(workspace.recording) for run in (first, second))
         show_both(workspace, *both)
-    st.caption("The last runs are kept, with the data of their windows.")
 
 
 def restore_run(workspace: Workspace, name: str) -> None:

@@ -1,6 +1,6 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
-from functools import lru_cache, partial
+import html
 
 import streamlit as st
 
@@ -13,9 +13,10 @@ from accpinn.results.reproduction import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX
 from accpinn.study.store import Entry
-from accpinn.study.verification import HOWEVER_LONG, PROMPT, Verification, refit_seconds, verify
-from accpinn.units import Seconds
+from accpinn.study.verification import PROMPT, Verification, refit_seconds, verify
+from accpinn.tasks import Status
 from pages.ui.components import frame, show
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.resources import library, opened
@@ -29,15 +30,13 @@ from pages.ui.session.sessions import (
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
-_verify = lru_cache(maxsize=16)(verify)
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
-LONGEST: Seconds = 300.0
-"""Methods that are expected to take longer are not run again while the page waits."""
-CONTAINS = (
-    "The file contains the recorded speeds and gaps of its windows. To share less, send the"
-    " parameter card (Train, Export) or a report without curves."
-)
+COLOURS = {True: "green", False: "red", None: "gray"}
+"""Of a verification's mark by its outcome."""
+MARK = '<span style="cursor: help; font-size: .875rem" title="{why}">{brief}</span>'
+CONTAINS = "The file contains the recorded speeds and gaps of its windows."
+LESS = "To share less, send the parameter card (Train, Export) or a report without curves."
 NO_CURVES = "snapshots_no_curves"
 """The entry in Streamlit's session state that tells whether a report has curves."""
 
@@ -58,14 +57,13 @@ def show_page(workspace: Workspace) -> None:
         _save_form(workspace)
     with right:
         _upload_form(workspace)
-    st.subheader("Kept here", anchor=False)
     entries = own_snapshots(workspace.id)
     if not entries:
         st.caption("You have kept no snapshot here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id),
-        lambda entry: _delete_button(workspace, entry),
+        workspace, entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        lambda entry: _show_actions(workspace, entry), title="Kept here",
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
 
@@ -95,16 +93,18 @@ def _save_form(workspace: Workspace) -> None:
             st.form_submit_button(
                 "Save", type="primary", icon=":material/save:", on_click=_save, args=(workspace,)
             )
-            st.caption(CONTAINS, width="stretch")
+            st.caption(CONTAINS, help=LESS, width="stretch")
 
 
 def suggested_name(workspace: Workspace) -> str:
-    """Which vehicle or platoon, in which recording and window."""
+    """Which vehicle or vehicles, in which recording and window or windows."""
     if (result := workspace.result) is None:
         return ""
-    info, windows = result.info, frame.in_words(result.info.window, result.analysis.windows)
-    who = info.labels[1] if info.followers == 1 else f"{info.labels[1]} to {info.labels[-1]}"
-    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {windows}"[:LONGEST_NAME]
+    info, count = result.info, len(result.infos)
+    vehicles = f"vehicles {info.vehicles[1]} to {info.vehicles[-1]}"
+    who = info.labels[1] if info.followers == 1 else vehicles
+    when = str(info.window) if count == 1 else f"{count} windows"
+    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {when}"[:LONGEST_NAME]
 
 
 def _save(workspace: Workspace) -> None:
@@ -129,9 +129,18 @@ def _upload_form(workspace: Workspace) -> None:
     st.subheader("Import a snapshot", anchor=False)
     most = int(LARGEST / 1e6)
     show.upload(
-        f"A file that ends in .accpinn.zip, up to {most} MB; it is checked first.",
+        "A file that ends in .accpinn.zip; it is checked first.",
         "snapshots_upload", took, type="zip", max_upload_size=most,
     )  # fmt: skip
+
+
+def _show_actions(workspace: Workspace, entry: Entry) -> None:
+    """How it was verified, and what its owner can do."""
+    with st.container(horizontal=True, vertical_alignment="center", gap="xsmall"):
+        if checked := library().verification(entry.id):
+            why = html.escape(f"{checked.sentence} {checked.how}.")
+            st.html(MARK.format(why=why, brief=html.escape(checked.brief)))
+        _delete_button(workspace, entry)
 
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
@@ -171,8 +180,10 @@ def _undo_button() -> None:
 def show_one(workspace: Workspace, snapshot: Result) -> None:
     """The result, as whoever follows its link sees it: nothing here changes or deletes it."""
     info, title = snapshot.info, title_of(snapshot)
-    is_open = workspace.recording and workspace.recording.sha256 == snapshot.analysis.source.sha256
-    recording = workspace.recording if is_open else None
+    source, recording = snapshot.analysis.source, workspace.recording
+    # A file that is read by another mapping may give other numbers, which say nothing of this one.
+    if recording and (recording.sha256, recording.mapping) != (source.sha256, source.mapping):
+        recording = None
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
     where = frame.segment_line(info, snapshot.estimate.case, snapshot.analysis.windows)
@@ -180,15 +191,14 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     if snapshot.note:
         st.text(snapshot.note)
     _show_buttons(workspace, snapshot, recording, title)
+    _show_standing(workspace, snapshot, recording)
     show.not_acc(info)
-    show.messages(unfinished(snapshot.estimate), "warning", "pause_circle")
     whole = snapshot.found_in(recording)
     more = {
-        "Verify": lambda: _show_verification(snapshot, recording),
+        "Verify": lambda: _show_verification(workspace, snapshot),
         "Beside another": lambda: _show_beside(workspace, whole, recording),
     }
-    standing = partial(_show_standing, snapshot, recording)
-    show_result(workspace, whole, "snapshots", lambda: snapshot, standing, more)
+    show_result(workspace, whole, "snapshots", lambda: snapshot, more=more)
 
 
 def _show_buttons(
@@ -218,16 +228,16 @@ def _show_buttons(
                 help="The report then has neither recorded speeds and gaps nor simulated ones.",
             )  # fmt: skip
             st.download_button(
-                "Download the report", lambda: _report(snapshot, recording), f"{stem}.html",
-                "text/html", on_click="ignore", key="snapshots_report",
+                "Download the report", lambda: _report(workspace, snapshot, recording),
+                f"{stem}.html", "text/html", on_click="ignore", key="snapshots_report",
                 help="One web page that needs nothing but a browser; it can be printed.",
             )  # fmt: skip
         if library().has(snapshot.id):
             st.download_button(
                 "Download", lambda: library().raw(snapshot.id), f"{stem}{SUFFIX}",
                 "application/zip", on_click="ignore", icon=":material/download:",
-                help="The file itself: it can be sent, kept, and imported on any server. "
-                + CONTAINS,
+                help="The file itself: it can be sent, kept, and imported on any server."
+                f" {CONTAINS} {LESS}",
             )  # fmt: skip
 
 
@@ -238,54 +248,70 @@ def back_button(workspace: Workspace) -> None:
     )  # fmt: skip
 
 
-def _again(snapshot: Result) -> str:
-    """The entry in Streamlit's session state that tells whether the methods are run again."""
-    return f"snapshots_again_{snapshot.id}"
+def _report(workspace: Workspace, snapshot: Result, recording: Recording | None) -> str:
+    """With how it was verified; one that was not yet is, where that is soon done."""
+    has_curves, checked = not st.session_state.get(NO_CURVES), _verified(workspace, snapshot)
+    if checked is None:
+        checked = verify(snapshot, recording, refit_within=PROMPT)
+        library().keep_verification(snapshot, checked)
+    return render_report(snapshot, checked, with_curves=has_curves)
 
 
-def _report(snapshot: Result, recording: Recording | None) -> str:
-    has_curves = not st.session_state.get(NO_CURVES)
-    verification = _verified(snapshot, recording)
-    return render_report(snapshot, verification, with_curves=has_curves)
+def _verified(workspace: Workspace, snapshot: Result) -> Verification | None:
+    """How it was verified, now or earlier, by whomever; None where it was not."""
+    task = workspace.verifications.get(snapshot.id)
+    return library().verification(snapshot.id) or (task.result if task else None)
 
 
-def _verified(snapshot: Result, recording: Recording | None) -> Verification:
-    """The methods run again, all of them where the user asked for that, and compared."""
-    again = st.session_state.get(_again(snapshot))
-    return _verify(snapshot, recording, refit_within=HOWEVER_LONG if again else PROMPT)
-
-
-def _show_standing(snapshot: Result, recording: Recording | None) -> None:
+def _show_standing(workspace: Workspace, snapshot: Result, recording: Recording | None) -> None:
     """Whether it agrees with what is computed now, or a button that runs its methods again."""
-    again = _again(snapshot)
-    if st.session_state.get(again):
-        with st.spinner("Running the methods again"):
-            verification = _verified(snapshot, recording)
-        if verification.ok is not False:
-            st.caption(escape_markdown(verification.sentence))
-        else:
-            show.messages(verification.sentence, "error")
+    task, checked = workspace.verifications.get(snapshot.id), _verified(workspace, snapshot)
+    if task and task.is_active:
+        monitor(task, lambda _: stop_button(task, "Stop", "snapshots_verify_stop"))
         return
+    if task and task.status is Status.FAILED:
+        show.messages(task.error, "error")
+    with st.container(horizontal=True, vertical_alignment="center", key="snapshots_standing"):
+        if checked and checked.ok is False:
+            show.messages(checked.sentence, "error")
+        elif checked:
+            mark, said = checked.mark[0], escape_markdown(checked.sentence)
+            said = f":{COLOURS[checked.ok]}[**{mark}**] {said}"
+            st.caption(said, help=escape_markdown(checked.how), width="content")
+        _verify_button(workspace, snapshot, recording, checked)
+
+
+def _verify_button(
+    workspace: Workspace, snapshot: Result, recording: Recording | None,
+    checked: Verification | None,
+) -> None:  # fmt: skip
+    """Verify it, or once more where more can be checked now."""
+    if snapshot.estimate.outcome is Outcome.STOPPED:
+        st.caption("Not verified: a stopped training cannot be run again.", width="content")
+        return
+    label = "Verify"
+    if checked and not any(check.cure == "--refit" for check in checked.unchecked):
+        if recording is None or checked.has_recording:
+            return
+        label = "Verify against the recording"
     seconds = sum(map(refit_seconds, (snapshot, *snapshot.compared)))
-    with st.container(horizontal=True, vertical_alignment="center", width="content"):
-        st.caption("Not verified yet.", width="content")
-        if 0 < seconds <= LONGEST:
-            st.button(
-                f"Verify by running it again, about {show.format_duration(seconds)}",
-                icon=":material/replay:", key="snapshots_again",
-                on_click=lambda: st.session_state.update({again: True}),
-                help="Runs every method of the snapshot anew on its data, with its settings.",
-            )  # fmt: skip
+    about = f", about {show.format_duration(seconds)}" if seconds else ""
+    st.button(
+        f"{label}{about}", icon=":material/replay:", key="snapshots_again",
+        on_click=workspace.verify, args=(snapshot, recording),
+        help="Runs every method of the snapshot anew on its data, with its settings, and compares"
+        " all numbers.",
+    )  # fmt: skip
 
 
-def _show_verification(snapshot: Result, recording: Recording | None) -> None:
-    """How many of the stored numbers agree with those computed now, and every part."""
-    with st.spinner("Running the method again"):
-        verification = _verified(snapshot, recording)
-    st.markdown(f"**{escape_markdown(verification.counted)}**")
-    if verification.ok is False:
-        show.messages(verification.sentence, "error")
-    show.table(verification_table(verification))
+def _show_verification(workspace: Workspace, snapshot: Result) -> None:
+    """Every part, as stored and as computed again."""
+    checked = _verified(workspace, snapshot)
+    if checked is None:
+        st.caption("Not verified yet.")
+        return
+    show.caption(f"{checked.how}.")
+    show.table(verification_table(checked))
 
 
 def _show_beside(workspace: Workspace, snapshot: Result, recording: Recording | None) -> None:

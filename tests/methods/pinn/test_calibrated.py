@@ -7,8 +7,9 @@ import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop, surrogate_errors
 from accpinn.inference.window_posterior import window_posterior
-from accpinn.methods import Segments
+from accpinn.methods import Segments, forecast
 from accpinn.methods.estimate import Outcome, Progress, WeaklyDetermined, of_window
+from accpinn.methods.forecast import CURVES, PARAMETERS
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import CALIBRATED, preset
@@ -55,7 +56,8 @@ def test_from_the_initial_values_the_likelihood_rises_to_its_maximum(
     assert (np.abs(apart) < 0.05 * errors).all()
     np.testing.assert_allclose(found.parameters.complete[:, 3:], expected[:, 3:], atol=0.05)
 
-    assert {moment.phase for moment in seen} == {"parameters"}
+    *seen, curves = seen
+    assert ({moment.phase for moment in seen}, curves.phase) == ({PARAMETERS}, CURVES)
     assert [moment.iteration for moment in seen] == [*range(found.iterations + 1)]
     assert all(moment.iteration < moment.iterations for moment in seen)
     values = [moment.log_likelihood for moment in seen]
@@ -75,7 +77,8 @@ def test_from_the_initial_values_the_likelihood_rises_to_its_maximum(
 
 def test_the_drive_bends_into_the_data_while_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each follower is simulated behind the measured vehicle ahead, with the present values."""
-    monkeypatch.setattr(training, "CURVE_EVERY", 0.0)
+    monkeypatch.setattr(forecast, "CURVE_EVERY", 0.0)
+    monkeypatch.setattr(forecast, "DRAWING_SHARE", np.inf)
     whole, seen = driven(MIXED, noise=0.02), list[Progress]()
     found = train(whole, "II", CALIBRATED, SPEC, on_progress=seen.append)
     drives = [moment.curves for moment in seen if moment.curves]

@@ -93,12 +93,12 @@ def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out
     features = np.kron(evidence.design.basis.at_samples.toarray(), np.eye(OUTPUTS))
     prior = np.linalg.inv(dense(evidence.design.prior(VALUES)))
     noise = np.tile(VALUES[[6, 7, 7]] ** 2, len(measured))
-    y, there = measured.ravel(), ~np.isnan(measured.ravel())
-    covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
-    whitened = np.linalg.solve(covariance, y[there])
+    y, present = measured.ravel(), ~np.isnan(measured.ravel())
+    covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(present, present)]
+    whitened = np.linalg.solve(covariance, y[present])
     determinant = np.linalg.slogdet(2 * np.pi * covariance)[1]
     assert evidence.log_evidence(VALUES) == pytest.approx(
-        -0.5 * (y[there] @ whitened + determinant), abs=1e-3
+        -0.5 * (y[present] @ whitened + determinant), abs=1e-3
     )
 
 
@@ -116,11 +116,11 @@ def test_its_maximum_is_that_of_the_filter_s_likelihood(case: Case, model: str) 
     expected = np.array([maximum.coordinates for maximum in maxima])
     rng = np.random.default_rng(3)
     starts = expected + 0.2 * rng.standard_normal(expected.shape)
-    found = search(evidence, starts, np.arange(len(maxima)))
+    ours = search(evidence, starts, np.arange(len(maxima)))
     names = [unknown.name for unknown in coordinates(model)]
     near = np.array([0.5 if name in ("gap_noise", "delay") else 0.15 for name in names])
-    for one, maximum in zip(found, maxima, strict=True):
-        assert one.converged
-        apart = one.coordinates - maximum.coordinates
+    for our_maximum, maximum in zip(ours, maxima, strict=True):
+        assert our_maximum.converged
+        apart = our_maximum.coordinates - maximum.coordinates
         errors = np.sqrt(np.diag(np.linalg.inv(maximum.curvature)))
         assert (np.abs(apart) < near * errors).all(), apart / errors

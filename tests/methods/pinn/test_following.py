@@ -22,7 +22,7 @@ from tests.support.methods import train
 def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
     (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=240.0)
     estimate = METHODS["pinn"].fit(window, settings=FAST, spec=ModelSpec(key))
-    np.testing.assert_allclose(estimate.parameters.own, TRUTHS[key][:1], rtol=0.05)
+    np.testing.assert_allclose(estimate.parameters.nonlinear, TRUTHS[key][:1], rtol=0.05)
     assert estimate.history.parameters[-1] == estimate.parameters
     again = METHODS["pinn"].redraw(estimate, 0, window.time, window.window.duration)
     np.testing.assert_allclose(again.gaps, estimate.curves[0].gaps, atol=1e-9)
@@ -40,9 +40,9 @@ def test_fast_finds_lags_and_delays_that_are_not_typical(key: str) -> None:
         np.column_stack([ahead.gaps, behind.gaps]),
     )
     estimate = METHODS["pinn"].fit(platoon, settings=FAST, spec=ModelSpec(key))
-    found = np.column_stack([value_of(key, estimate.parameters, n) for n in FOLLOWING[key].names])
-    np.testing.assert_allclose(found[:, :-1], truth[:, :-1], rtol=0.06)
-    np.testing.assert_allclose(found[:, -1], truth[:, -1], rtol=0.1)
+    values = np.column_stack([value_of(key, estimate.parameters, n) for n in FOLLOWING[key].names])
+    np.testing.assert_allclose(values[:, :-1], truth[:, :-1], rtol=0.06)
+    np.testing.assert_allclose(values[:, -1], truth[:, -1], rtol=0.1)
     assert not any(isinstance(finding, Undetermined) for finding in estimate.findings)
     assert estimate.history.parameters[-1] == estimate.parameters
 
@@ -66,7 +66,7 @@ def test_paper_moves_from_typical_values_and_keeps_what_is_held(key: str) -> Non
     (window,) = driven(FOLLOWING["idm"], TRUTHS["idm"][:1], 3, noise=0.03, seconds=60.0)
     spec = ModelSpec(key, (("v0", 40.0),))
     estimate = METHODS["pinn"].fit(window, settings=replace(PAPER, iterations=30), spec=spec)
-    first, last = estimate.history.parameters.own[[0, -1], 0]
+    first, last = estimate.history.parameters.nonlinear[[0, -1], 0]
     free = np.array(FOLLOWING[key].names) != "v0"
     np.testing.assert_allclose(first[free], FOLLOWING[key].typical[free])
     assert (last[free] != first[free]).all()

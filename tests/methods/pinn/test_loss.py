@@ -34,10 +34,10 @@ def by_loops(drawn: list[np.ndarray], config: PinnConfig) -> tuple[float, float,
         data += s_speed * (v_data[t, 0] - v[t, 0]) ** 2
         for i in range(1, followers + 1):
             alpha, beta, tau = table[i - 1]
-            gap, ahead, own = p[t, i - 1], v[t, i - 1], v[t, i]
-            data += s_gap * (p_data[t, i - 1] - gap) ** 2 + s_speed * (v_data[t, i] - own) ** 2
-            physics += q_gap * (dp[t, i - 1] - ahead + own) ** 2
-            accelerates = alpha * (gap - tau * own) + beta * (ahead - own)
+            gap, ahead, speed = p[t, i - 1], v[t, i - 1], v[t, i]
+            data += s_gap * (p_data[t, i - 1] - gap) ** 2 + s_speed * (v_data[t, i] - speed) ** 2
+            physics += q_gap * (dp[t, i - 1] - ahead + speed) ** 2
+            accelerates = alpha * (gap - tau * speed) + beta * (ahead - speed)
             physics += q_speed * (dv[t, i] - accelerates) ** 2
     for i in range(1, followers + 1):
         initial += (p_data[0, i - 1] - p[0, i - 1]) ** 2 + (v_data[0, i] - v[0, i]) ** 2
@@ -79,8 +79,8 @@ def test_a_lag_has_the_second_derivative_and_a_delay_the_earlier_command(key: st
     theta = np.stack([alpha, beta, tau, late])
     motion = Motion(outputs, rates, **given[key])
     terms = loss_terms(motion, outputs, theta, PinnConfig(), model=FOLLOWING[key])
-    gap, own, ahead = (p, v[:, 1:], v[:, :-1]) if key == "cthp-lag" else earlier
-    command = alpha * (gap - tau * own) + beta * (ahead - own)
+    gap, speed, ahead = (p, v[:, 1:], v[:, :-1]) if key == "cthp-lag" else earlier
+    command = alpha * (gap - tau * speed) + beta * (ahead - speed)
     reached = dv[:, 1:] + (late * ddv[:, 1:] if key == "cthp-lag" else 0.0)
     squares = (reached - command) ** 2 + (dp - v[:, :-1] + v[:, 1:]) ** 2
     assert terms.physics == pytest.approx(squares.mean(), rel=1e-12)

@@ -87,8 +87,8 @@ def test_adam_is_that_of_torch_optim_and_continues_from_its_arrays(b2: float) ->
     for step in range(50):
         rate = 0.01 * 0.5 ** (step / 20)
         if step == 25:
-            kept, adam = adam.arrays(), Adam([ours], b2=b2)
-            adam.load_arrays(kept)
+            arrays, adam = adam.arrays(), Adam([ours], b2=b2)
+            adam.load_arrays(arrays)
         adam.step(quartic(ours, step), rate)
         reference.param_groups[0]["lr"] = rate
         reference.zero_grad()

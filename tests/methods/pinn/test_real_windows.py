@@ -53,39 +53,38 @@ class Profile:
 
 @pytest.fixture(scope="module")
 def drive(astazero: Recording) -> Segments:
-    """The five windows of AstaZero's run in car-following, with four followers."""
-    found = car_following(astazero)
-    assert len(found) == 5
-    return tuple(cut(astazero, window.start, window.duration) for window in found)
+    """The first three windows of AstaZero's run in car-following, with four followers."""
+    windows = car_following(astazero)[:3]
+    return tuple(cut(astazero, window.start, window.duration) for window in windows)
 
 
 def test_in_case_one(drive: Segments) -> None:
     """Another search, from ten percent beside them, ends no lower and at the same parameters."""
     estimate = METHODS["pinn"].fit(drive, "I", FAST)
-    psi, found = Profile(drive, estimate), estimate.parameters.values[0]
-    assert psi(np.tile(found, (4, 1))) == pytest.approx(estimate.loss["total"], rel=1e-6)
+    psi, parameters = Profile(drive, estimate), estimate.parameters.values[0]
+    assert psi(np.tile(parameters, (4, 1))) == pytest.approx(estimate.loss["total"], rel=1e-6)
     best = minimize(
         lambda logs: psi(np.tile(np.exp(logs), (4, 1))),
-        np.log(found) + np.array([0.1, -0.1, 0.03]),
+        np.log(parameters) + np.array([0.1, -0.1, 0.03]),
         method="BFGS",
         options={"eps": 1e-3, "gtol": 1e-4},
     )
-    assert best.fun < psi(np.tile(found * (1.1, 0.9, 1.03), (4, 1))) / 1.01
+    assert best.fun < psi(np.tile(parameters * (1.1, 0.9, 1.03), (4, 1))) / 1.01
     assert estimate.loss["total"] < 1.001 * best.fun
-    np.testing.assert_allclose(found, np.exp(best.x), rtol=0.005)
+    np.testing.assert_allclose(parameters, np.exp(best.x), rtol=0.005)
 
 
 def test_in_case_two(drive: Segments) -> None:
     """Along each of them Ψ is a parabola, whose lowest point is where it was left."""
     estimate = METHODS["pinn"].fit(drive, "II", FAST)
-    psi, found = Profile(drive, estimate), estimate.parameters.values
-    lowest = psi(found)
+    psi, parameters = Profile(drive, estimate), estimate.parameters.values
+    lowest = psi(parameters)
     assert lowest == pytest.approx(estimate.loss["total"], rel=1e-6)
     for follower in range(4):
         for column, step in enumerate((0.05, 0.05, 0.01)):
             moved = np.ones((2, 4, 3))
             moved[:, follower, column] += step, -step
-            up, down = (psi(found * factor) for factor in moved)
+            up, down = (psi(parameters * factor) for factor in moved)
             assert min(up, down) > lowest
             bend = up + down - 2 * lowest
             assert (up - down) ** 2 / (8 * bend) < 1e-3 * lowest

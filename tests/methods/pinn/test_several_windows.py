@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accpinn import METHODS, Case, Estimate, Parameters, Store
-from accpinn.methods import Segments, TaskContext
+from accpinn.methods import Segments, TaskContext, forecast
 from accpinn.methods.estimate import Continued, Outcome, Progress, Undetermined, of_window
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
@@ -102,8 +102,8 @@ class TestTruth:
         assert len(np.unique(own_values(estimate), axis=0)) == (1 if case == "I" else 2)
         if case == "I":
             np.testing.assert_allclose(own_values(estimate)[:, 1], 1.6, rtol=1e-12)
-            told = [f for f in estimate.findings if isinstance(f, Undetermined)]
-            assert all("b" not in finding.symbols for finding in told), "it is given"
+            undetermined = [f for f in estimate.findings if isinstance(f, Undetermined)]
+            assert all("b" not in finding.symbols for finding in undetermined), "it is given"
 
     def test_a_fixed_intercept_and_delay_keep_their_values(self) -> None:
         spec = ModelSpec.of("cthp-s0-delay", {"s0": 4.0, "delay": 0.1})
@@ -158,11 +158,12 @@ class TestWindows:
             np.testing.assert_allclose(again.gaps, curves.gaps, atol=1e-7)
             np.testing.assert_allclose(again.speeds, curves.speeds, atol=1e-7)
 
-    @pytest.mark.parametrize("stop", [2, 8, 9, 10, 11])
+    @pytest.mark.parametrize("stop", [2, 9, 11])
     def test_a_stop_within_a_cycle_leaves_curves_and_weights_that_belong_together(
         self, stop: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(training, "CURVE_EVERY", 0.0)
+        monkeypatch.setattr(forecast, "CURVE_EVERY", 0.0)
+        monkeypatch.setattr(forecast, "DRAWING_SHARE", np.inf)
         seen: list[Progress] = []
         estimate = fit(windows(), should_stop=after(stop), on_progress=seen.append)
         assert estimate.outcome is Outcome.STOPPED
@@ -177,14 +178,14 @@ class TestWindows:
         self, store: Store, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
-        kept = store.checkpoints(asked_of(windows()[0], "pinn", SHORT), pytest.fail)
+        checkpoints = store.checkpoints(asked_of(windows()[0], "pinn", SHORT), pytest.fail)
         straight = fit(windows(), config=SHORT)
         for k, segment in enumerate(windows()):
             split = of_window(straight.arrays, k)["test"]
             assert (split.shape, split.sum()) == (segment.time.shape, round(0.2 * len(split) - 0.2))
-        stopped = fit(windows(), config=SHORT, checkpoints=kept, should_stop=after(7))
+        stopped = fit(windows(), config=SHORT, checkpoints=checkpoints, should_stop=after(7))
         assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, 7)
-        continued = fit(windows(), config=SHORT, checkpoints=kept)
+        continued = fit(windows(), config=SHORT, checkpoints=checkpoints)
         assert Continued(7) in continued.findings
         assert lasting(continued) == lasting(straight)
 

@@ -21,37 +21,54 @@ TRUTH = Parameters.of(TRUE)
 
 def test_points_are_marked_by_whether_they_lie_in_the_recommended_interval() -> None:
     result = recommended()
-    speed = float(result.estimate.speeds[0])
-    first = figures.row_of(result, 0, speed)
-    spans = result.estimate.gains_and_gap(0)
-    np.testing.assert_allclose(first[1].T, [astuple(span)[:3] for span in spans])
-    value, _, high = first[1]
-    inside, away = ("Splines (own)", value), ("Least squares", np.array([*value[:2], 2 * high[2]]))
-    figure = figures.estimates([inside, away], COLOUR, first, TRUE, [("Before", value)])
+    model = result.estimate.model
+    first = figures.row_of(result, 0)
+    spans = [result.estimate.span(name, 0) for name in ("tau", "alpha", "beta")]
+    np.testing.assert_allclose(first.values.T, [astuple(span)[:3] for span in spans])
+    value, _, high = first.values
+    inside = figures.Row("Splines (own)", model, value)
+    away = figures.Row("Least squares", model, np.array([2 * high[0], *value[1:]]))
+    figure = figures.estimates([inside, away], COLOUR, first, TRUTH, [first._replace(name="B")])
     drawn = np.transpose([trace.x for trace in figure.data])
-    np.testing.assert_allclose(drawn, [value, value, away[1], value])
-    assert list(figure.data[0].y)[1:] == ["Splines<br>(own)", "Least squares", "Before"]
+    np.testing.assert_allclose(drawn, [value, value, away.values, value])
     symbols = [list(trace.marker.symbol) for trace in figure.data]
-    assert symbols[0] == [INSIDE, INSIDE, INSIDE, EARLIER]
-    assert symbols[2] == [INSIDE, INSIDE, OUTSIDE, EARLIER]
+    assert symbols[0] == [INSIDE, INSIDE, OUTSIDE, EARLIER]
+    assert symbols[1] == [INSIDE, INSIDE, INSIDE, EARLIER]
     for k, (trace, band) in enumerate(zip(figure.data, rectangles(figure), strict=True)):
         ends = value[k] + np.array([-trace.error_x.arrayminus[0], trace.error_x.array[0]])
-        np.testing.assert_allclose(ends, first[1][1:, k])
+        np.testing.assert_allclose(ends, first.values[1:, k])
         assert (band.x0, band.x1) == pytest.approx(tuple(ends))
         assert np.isnan(trace.error_x.array[1:]).all(), "the others are points"
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
-    np.testing.assert_allclose(dashed, TRUE)
+    np.testing.assert_allclose(dashed, [TRUE[2], *TRUE[:2]])
+
+
+def test_estimates_of_another_model_stand_apart_below_a_heading_of_their_own() -> None:
+    first = figures.Row("PiNN", "cthp-s0-delay", np.array([[0.8, 0.1, 0.3], [0.7] * 3, [0.9] * 3]))
+    other = figures.Row("Splines", "cthp", np.array([1.2, 0.1, 0.3]))
+    alike = figures.Row("Simulation", "cthp-s0-delay", np.array([1.2, 0.1, 0.3]))
+    truth = Parameters(0.1, 0.3, 0.8, s0=5.0, delay=0.5)
+    figure = figures.estimates([other, alike], COLOUR, first, truth)
+    headings = [note.text for note in figure.layout.annotations]
+    assert headings == [f"<b>{figures.group_title(key)}</b>" for key in ("cthp-s0-delay", "cthp")]
+    points = figure.data[0]
+    places = dict(zip(points.customdata, points.y, strict=True))
+    assert places["PiNN"] > places["Simulation"] > places["Splines"]
+    assert list(points.marker.symbol) == [INSIDE, INSIDE, OUTSIDE], "of its own model alone"
+    for shape in figure.layout.shapes:  # interval and truth
+        assert shape.y0 < places["Simulation"] < places["PiNN"] < shape.y1
+        assert shape.y0 > places["Splines"]
 
 
 def test_without_a_recommended_estimate_there_are_points_alone() -> None:
-    point = figures.row_of(result_for(SEGMENT), 0, 20.0)
-    assert np.isfinite(point[1]).all(axis=1).tolist() == [True, False, False]
+    point = figures.row_of(result_for(SEGMENT), 0)
+    assert np.isfinite(point.values).all(axis=1).tolist() == [True, False, False]
     figure = figures.estimates([point], COLOUR)
     assert not rectangles(figure)
     assert {tuple(trace.marker.symbol) for trace in figure.data} == {(INSIDE,)}
-    unbounded = np.array([TRUE, [0.0, 0.0, 1.0], [0.1, 0.3, np.inf]])
-    undetermined = ("Least squares", np.array([0.0, 0.2, np.nan]))
-    figure = figures.estimates([undetermined], COLOUR, ("PiNN", unbounded))
+    unbounded = np.array([[1.0, *TRUE[:2]], [0.0, 0.0, 1.0], [0.1, 0.3, np.inf]])
+    undetermined = figures.Row("Least squares", "cthp", np.array([np.nan, 0.0, 0.2]))
+    figure = figures.estimates([undetermined], COLOUR, figures.Row("PiNN", "cthp", unbounded))
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 

@@ -2,9 +2,14 @@
 
 import numpy as np
 
-from accpinn import Parameters, group
+from accpinn import Groups, Parameters, group
+from accpinn.results import marks
+from accpinn.results.database import ranking_table
 from accpinn.results.figures import database as figures
-from accpinn.stability.criteria import l2_criterion
+from accpinn.results.figures.strip import GLYPHS
+from accpinn.results.tables import Marked
+from accpinn.stability import assessment, stability_report
+from accpinn.stability.criteria import smallest_beta_exact, smallest_beta_l2
 from tests.support.figures import named, names
 from tests.support.studies import row, rows
 
@@ -38,28 +43,85 @@ def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
     assert len(named(figures.forest(group(rows(*given)[:0], ("make",))), "time gap").x) == 0
 
 
-def test_the_plane_has_every_point_on_its_side_of_the_line() -> None:
+def measured_and_extrapolated() -> Groups:
+    """Groups of which some drive 100 km/h, and shorter gaps of some that do not."""
+    fast, slow = ({"lowest_speed": 20.0, "highest_speed": v} for v in (30.0, 22.0))
+    return group(
+        rows(
+            row("Slow long", tau=1.9, **slow), row("Fast long", tau=1.8, **fast),
+            row("Slow short", tau=0.6, **slow), row("Fast short", tau=0.9, **fast),
+        ),
+        ("make",),
+    )  # fmt: skip
+
+
+def test_measured_time_gaps_rank_before_extrapolated_ones_which_are_rings_and_marked() -> None:
+    found, ranks = measured_and_extrapolated(), ["Fast short", "Fast long"]
+    ranks += ["Slow short", "Slow long"]
+    figure = figures.forest(found)
+    assert list(figure.layout.yaxis.ticktext) == ranks[::-1]
+    symbols = list(named(figure, "time gap").marker.symbol)
+    assert symbols == [marks.EXTRAPOLATED.symbol] * 2 + [figures.MEASURED] * 2
+    (line,) = [shape for shape in figure.layout.shapes if shape.y0 == shape.y1 == 1.5]
+    assert line.type == "line"
+    table = ranking_table(found)
+    at = [column.title for column in table.columns].index("at 100 km/h")
+    assert [row[0] for row in table.rows] == ranks
+    assert [isinstance(row[at], Marked) for row in table.rows] == [False, False, True, True]
+
+
+def test_the_marks_of_stability_are_those_of_the_groups_shares() -> None:
+    found = group(rows(row("Stable", alpha=0.5, beta=3.0, tau=2.5), row("Not")), ("make",))
+    figure = figures.forest(found)
+    shares = {part.values[0]: part.l2_stable.value for part in found.groups}
+    for name, glyph in zip(figure.layout.yaxis.ticktext, named(figure, "L₂").text, strict=True):
+        assert glyph == GLYPHS[assessment(shares[name])]
+    growth = named(figure, "max |H|")
+    expected = [{p.values[0]: p.growth.value for p in found.groups}[n]
+                for n in figure.layout.yaxis.ticktext]  # fmt: skip
+    np.testing.assert_allclose(growth.x, expected)
+
+
+def test_the_plane_has_every_point_on_its_side_of_both_lines() -> None:
     rng = np.random.default_rng(1)
-    alpha, beta, tau = rng.uniform(0.01, 0.5, 50), rng.uniform(0, 1.5, 50), rng.uniform(0.8, 2, 50)
-    stable = l2_criterion(Parameters(alpha, beta, tau)) >= 0
-    vehicles = zip(alpha, beta, tau, stable, strict=True)
+    count = 300
+    alpha, beta, tau = (rng.uniform(*ends, count) for ends in ((0.01, 0.9), (0, 1.5), (0.8, 2)))
+    report = stability_report(Parameters(alpha, beta, tau)).vehicles
     known = [
-        row("A", alpha=a, beta=b, tau=t, l2_stable=bool(s), **PLACE) for a, b, t, s in vehicles
-    ]
+        row("A", alpha=a, beta=b, tau=t, l2_stable=of.l2.stable, linf_stable=of.linf_exact.stable,
+            **PLACE)
+        for a, b, t, of in zip(alpha, beta, tau, report, strict=True)
+    ]  # fmt: skip
     given = rows(*known, row("A", alpha=None, beta=None, tau=None))
-    figure = figures.plane(given, in_units_of_tau=True)
-    line = named(figure, "L₂")
-    for name, expected in (("L₂ stable", True), ("L₂ unstable", False)):
+    figure = figures.plane(given)
+    l2, linf = smallest_beta_l2(alpha * tau**2, 1.0), smallest_beta_exact(alpha * tau**2, 1.0)
+    drawn = 0
+    for name, (above_l2, above_linf) in zip(
+        [look[0] for look in figures.CLASSES[:3]],
+        ((False, False), (True, False), (True, True)), strict=True,
+    ):  # fmt: skip
         points = named(figure, name)
-        assert sorted(points.customdata) == list(np.flatnonzero(stable == expected))
-        shown = np.asarray(points.x) < line.x[-1]
-        above = np.asarray(points.y) >= np.interp(points.x, line.x, line.y)
-        assert (above[shown] == expected).mean() > 0.99, "but for the line's chords"
-    plain, at = figures.plane(given), float(np.median(tau))
-    line = named(plain, "L₂")
-    np.testing.assert_allclose(line.y, np.maximum((2 - line.x * at**2) / (2 * at), 0))
-    right, top = plain.layout.xaxis.range[1], plain.layout.yaxis.range[1]
-    assert figures.beyond(plain) == int(((alpha > right) | (beta > top)).sum())
+        places = np.asarray(points.customdata, int)
+        drawn += len(places)
+        assert len(places) > 20
+        np.testing.assert_allclose(points.x, alpha[places] * tau[places] ** 2, atol=1e-5)
+        y = beta[places] * tau[places]
+        assert ((y >= l2[places]) == above_l2).all()
+        assert ((y >= linf[places]) == above_linf).all()
+    assert drawn == count
+    for name, smallest in (("L₂", smallest_beta_l2), ("L∞, exact", smallest_beta_exact)):
+        line = named(figure, name)
+        np.testing.assert_allclose(line.y, smallest(np.asarray(line.x), 1.0))
+    right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
+    x, y = alpha * tau**2, beta * tau
+    assert figures.beyond(figure) == int(((x > right) | (y > top)).sum())
+
+
+def test_no_boundary_is_drawn_where_a_vehicle_has_one_of_its_own() -> None:
+    given = rows(row("A", **PLACE), row("B", delay=0.4, l2_stable=False, **PLACE))
+    figure = figures.plane(given)
+    assert not {"L₂", "L∞, exact"} & {*names(figure)}
+    assert figure.layout.xaxis.title.text.startswith("α,")
 
 
 def test_time_gaps_are_drawn_by_group_and_few_have_a_colour() -> None:

@@ -26,7 +26,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
-from accpinn.results.figures import animation, comparison, database, laboratory, platoon
+from accpinn.results.figures import comparison, control, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -50,10 +50,13 @@ RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0)
 WITHOUT_UNIT = {
     "Iteration",
     "Loss",
-    "Log likelihood minus its last value",
+    "Minus its last value",
     "Gain",
     "Coherence",
     "Correlation",
+    "Step response of the speed",
+    "ατ², gain on spacing in units of τ",
+    "βτ, gain on relative speed in units of τ",
 }
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
@@ -82,8 +85,10 @@ def simulated(collides: bool) -> Any:
 
 
 def judged() -> Any:
-    score = SimpleNamespace(model=FOLLOWING["idm"], theta=None, rmse=np.array([1.0, 2.0]))
-    return SimpleNamespace(scores=[score], windows=MADE)
+    errors = {"rmse": np.array([1.0, 2.0]), "typical_rmse": 1.4}
+    score = SimpleNamespace(model=FOLLOWING["idm"], key="idm", theta=None, **errors)
+    info = SimpleNamespace(labels=(NAME, NAME))
+    return SimpleNamespace(scores=[score], ranked=[score], windows=MADE, info=info)
 
 
 def grouped() -> Any:
@@ -93,10 +98,11 @@ def grouped() -> Any:
 PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
-    "animation.animation": lambda: animation.animation(*simulated(True)),
     "comparison.joint": lambda: comparison.joint(known().estimate, 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
-        [(NAME, point().parameters.values[0])], COLOUR, comparison.row_of(known(), 0, 20.0)
+        [comparison.Row(NAME, "cthp", point().parameters.values[0])],
+        COLOUR,
+        comparison.row_of(known(), 0),
     ),
     "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit((SEGMENT,)).track)], 0),
     "comparison.residual": lambda: comparison.residual(
@@ -107,18 +113,23 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "database.gap_against_speed": lambda: database.gap_against_speed(
         rows(row(NAME, **PLACE)), [NAME]
     ),
+    "comparison.errors_by_car": lambda: comparison.errors_by_car([judged()]),
     "comparison.errors_by_window": lambda: comparison.errors_by_window(judged()),
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
+    "control.pole_map": lambda: control.pole_map(known_vehicles(known())),
+    "control.step_responses": lambda: control.step_responses(known_vehicles(known())),
+    "control.impulse_response": lambda: control.impulse_response(known_vehicles(known()), 0),
+    "control.margin_forest": lambda: control.margin_forest(known_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
-        known_vehicles(known()), "magnitude", 0.3, 370
+        known_vehicles(known()), "magnitude", 370
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
     "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
-    "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),
+    "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),
     "platoon.speed_map": lambda: platoon.speed_map(*simulated(False)),
     "recording.overview": lambda: on_recording.overview(
         RUN, (1, 2), MADE[0], [on_recording.regime_ribbons(SEGMENT, label_regimes(SEGMENT))]
@@ -143,13 +154,13 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "stability.measured_bode": lambda: on_stability.measured_bode(
         measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR
     ),
-    "training.loss_history": lambda: on_training.loss_history(history()),
-    "training.parameter_history": lambda: on_training.parameter_history(history(), 0, RUN_INFO),
+    "training.course": lambda: on_training.course(history(), RUN_INFO, moment=3),
     "training.drive": lambda: on_training.drive(
         on_training.curves_in(SEGMENT, 1, point().curves[0], None, NAME)
     ),
     "training.forest": lambda: on_training.forest(known(), 0),
     "training.tracking": lambda: on_training.tracking(SEGMENT, 1, point().curves[0], None, NAME),
+    "training.tracking_at": lambda: on_training.tracking_at(known(), 1, 0, 2),
     "training.tracking_of": lambda: on_training.tracking_of(known(), 1),
 }  # fmt: skip
 RUN_INFO = replace(SEGMENT.info, names=(NAME,) * 3, vehicles=(1, 2, 3))

@@ -1,5 +1,6 @@
 """Simulated platoons: profiles, amplitudes, map of speeds, animation and the paper's panels."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.results.figures import platoon as figures
-from accpinn.results.figures.animation import animation
+from accpinn.results.figures.animation import motion
 from accpinn.results.figures.style import FOLLOWERS
 from accpinn.results.vehicles import Cast
 from tests.support.driving import MIXED, driven
@@ -104,28 +105,42 @@ def test_positions_and_speeds_over_time_are_those_of_the_run(
     assert places[0, -1] - places[0, 0] == pytest.approx(way, abs=10)
 
 
-def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:
+def test_bars_of_growth_end_at_the_predicted_marks(sinusoid: PlatoonRun) -> None:
     wave = sinusoid.amplitudes
-    figure, in_db = (figures.amplitude_by_vehicle(sinusoid, EIGHT, db) for db in (False, True))
-    np.testing.assert_allclose(named(figure, "Predicted by |H(jω)|").y, wave.predicted)
-    np.testing.assert_allclose(named(figure, "Simulated").y, wave.measured)
-    levels = named(in_db, "Predicted by |H(jω)|").y
-    np.testing.assert_allclose(levels, 20 * np.log10(wave.predicted), atol=1e-9)
+    figure = figures.growth_by_vehicle(sinusoid, EIGHT)
+    marks, bars = named(figure, "Predicted by |H(jω)|"), named(figure, "Simulated")
+    np.testing.assert_allclose(marks.y, wave.predicted / wave.measured[0])
+    np.testing.assert_allclose(bars.y, wave.measured / wave.measured[0])
+    np.testing.assert_allclose(bars.y, marks.y, rtol=0.01)
+    assert [*bars.marker.color] == figures.colours_of(EIGHT)
+    assert [text for text in bars.text if text] == ["4.23×"]
 
 
-def test_amplitudes_of_other_disturbances_are_the_largest_deviations(collision: PlatoonRun) -> None:
+def test_growth_of_other_disturbances_is_that_of_the_largest_deviations(
+    collision: PlatoonRun,
+) -> None:
     braking = simulate_platoon(ASTAZERO.parameters, Brake())
-    (trace,) = figures.amplitude_by_vehicle(braking, ALL, in_db=False).data
-    np.testing.assert_allclose(trace.y, braking.largest_deviation)
-    figure = figures.amplitude_by_vehicle(collision, AUDIS, in_db=False)
-    np.testing.assert_allclose(named(figure, "Simulated").y, collision.amplitudes.measured[:5])
-    ended = named(figure, "Largest deviation before the collision")
-    np.testing.assert_allclose(ended.y, collision.largest_deviation[5:])
+    (bars,) = figures.growth_by_vehicle(braking, ALL).data
+    moved = braking.largest_deviation
+    np.testing.assert_allclose(bars.y, moved / moved[0])
+    figure = figures.growth_by_vehicle(collision, AUDIS)
+    ended = named(figure, "Before the collision")
+    base = collision.amplitudes.measured[0]
+    np.testing.assert_allclose(ended.y, collision.largest_deviation[5:] / base)
     np.testing.assert_array_equal(ended.x, [5, 6, 7, 8])
     still = simulate_platoon(ASTAZERO.parameters, SpeedStep(change=0.0))
-    assert np.isnan(figures.amplitude_by_vehicle(still, ALL, in_db=True).data[0].y).all()
+    assert np.isnan(figures.growth_by_vehicle(still, ALL).data[0].y).all()
     assert figures.speed_map(still, ALL).data[0].zmax > 0, "no division by zero"
-    animation(still, ALL)
+    motion(still, ALL)
+
+
+@pytest.mark.parametrize(("cast", "mode"), [(ALL, "x unified"), (EIGHT, "closest")])
+def test_the_pointer_tells_all_of_few_lines_and_the_nearest_of_many(cast: Cast, mode: str) -> None:
+    run = simulate_platoon(ASTAZERO.parameters[[*cast.order]], Sinusoid(0.25))
+    figure = figures.profiles(run, cast)
+    assert figure.layout.hovermode == mode
+    hovers = [trace.hovertemplate for trace in figure.data]
+    assert all(("%{x" in hover) == (mode == "closest") for hover in hovers)
 
 
 def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
@@ -151,22 +166,23 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
 )  # fmt: skip
 def test_the_animation_moves_the_cars_as_simulated(leader: Leader) -> None:
     run = simulate_platoon(ASTAZERO.parameters, leader)
-    figure = animation(run, ALL)
-    names = {frame.name for frame in figure.frames}
-    assert 2 <= len(names) == len(figure.frames) == len(figure.layout.sliders[0].steps) <= 60
-    for frame in figure.frames[:: len(figure.frames) // 3]:
-        at = int(np.argmin(abs(run.trajectories.time - float(frame.name))))
-        gaps = -np.diff(frame.data[0].x) - figures.CAR_LENGTH
-        np.testing.assert_allclose(gaps, run.trajectories.gaps[at], atol=0.02)
-        np.testing.assert_allclose(frame.data[1].y, run.trajectories.speeds[at], atol=1e-3)
+    shown, driven = motion(run, ALL), run.trajectories
+    time, places = np.array(shown["time"]), np.array(shown["places"], float)
+    assert 2 <= len(time) <= 500
+    at = np.searchsorted(driven.time, time - 0.002)
+    np.testing.assert_allclose(-np.diff(places, axis=0).T - figures.CAR_LENGTH, driven.gaps[at],
+                               atol=0.02)  # fmt: skip
+    np.testing.assert_allclose(np.transpose(shown["speeds"]), driven.speeds[at], atol=1e-3)
+    mean = float(driven.speeds[at[0] : at[-1] + 1, 0].mean())
+    assert shown["way"][-1] == pytest.approx(mean * (time[-1] - time[0]), rel=0.01)
+    json.dumps(shown, allow_nan=False)
 
 
 def test_animated_vehicles_vanish_with_a_collision_and_are_named(collision: PlatoonRun) -> None:
-    figure = animation(collision, AUDIS)
-    for frame in figure.frames:
-        gone = [k for k, speed in enumerate(frame.data[1].y) if speed is None]
-        now = float(frame.name)
-        assert gone == [k for k, end in enumerate(ends(collision)) if now > end + 0.05]
-    assert gone == [5, 6, 7, 8]
-    entries = [(trace.name, trace.marker.color) for trace in legend(figure)]
-    assert entries == list(zip(AUDIS.labels, figures.colours_of(AUDIS), strict=True))
+    shown = motion(collision, AUDIS)
+    for end, speeds, places in zip(ends(collision), shown["speeds"], shown["places"], strict=True):
+        for now, speed, place in zip(shown["time"], speeds, places, strict=True):
+            assert (speed is None) == (place is None) == (now > end + 0.05)
+    assert [k for k, speeds in enumerate(shown["speeds"]) if speeds[-1] is None] == [5, 6, 7, 8]
+    assert shown["names"] == [*AUDIS.labels]
+    assert shown["colours"] == figures.colours_of(AUDIS)

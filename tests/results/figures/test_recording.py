@@ -6,6 +6,7 @@ import pytest
 from accpinn import cut, label_regimes
 from accpinn.recordings import Window
 from accpinn.results.figures import recording as figures
+from accpinn.results.recording import RatedWindow
 from tests.support.figures import names
 from tests.support.openacc_files import platoon, recording
 
@@ -18,8 +19,12 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
     assert [trace.opacity for trace in figure.data] == [1, 1, 1, 0.35, 0.35]
     (shape,) = figure.layout.shapes
     assert (shape.x0, shape.x1) == (5.0, 25.0)
-    both = figures.overview(recording(), (1, 2), WINDOW, several=(Window(0, 10), Window(20, 30)))
+    rows = (RatedWindow(1, Window(0, 10), True), RatedWindow(2, Window(20, 30), False))
+    both = figures.overview(recording(), (1, 2), WINDOW, several=rows)
     assert [(shape.x0, shape.x1) for shape in both.layout.shapes] == [(0, 10), (20, 30)]
+    used, unused = both.layout.shapes
+    assert (used.line.dash, unused.line.dash) == ("solid", "dot")
+    assert [note.text[0] for note in both.layout.annotations] == ["1", "2"]
     again = figures.overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
     other = figures.overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
     assert figure.layout.uirevision == again != other, "the zoom is kept until another recording"

@@ -11,11 +11,13 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import comparison as models
+from accpinn.results.figures import control
 from accpinn.results.figures import stability as figures
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import stability_at, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.region import AXES, Plane, stable_region
 from accpinn.units import FloatArray
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample
@@ -90,22 +92,37 @@ def test_criteria_are_those_of_each_vehicle() -> None:
     assert tuple(name.replace("<br>", " ") for name in shown) == LABELS
 
 
-@pytest.mark.parametrize("plane", ["beta", "alpha"])
-@pytest.mark.parametrize("held", [0, 3])
-def test_boundaries_separate_stable_from_unstable(plane: figures.Plane, held: int) -> None:
-    figure = figures.stability_map(KnownVehicles(ASTAZERO), held, plane)
-    kept = ASTAZERO.parameters[held]
-    for at, name in enumerate(figures.BOUNDARIES):
+@pytest.mark.parametrize("plane", AXES)
+@pytest.mark.parametrize("delay", [0.0, 0.5])
+def test_boundaries_are_those_of_the_region(plane: Plane, delay: float) -> None:
+    """Which the verdicts on either side of it confirm, see `tests.stability.test_region`."""
+    late = replace(ASTAZERO, parameters=Parameters(*ASTAZERO.parameters.values.T, delay=delay))
+    figure = figures.stability_map(KnownVehicles(late), 3, plane)
+    (_, right), (_, top) = figure.layout.xaxis.range, figure.layout.yaxis.range
+    region = stable_region(late.parameters[3], plane, right, top)
+    for name, limits in (
+        ("L₂", region.l2), ("L∞, paper", region.paper), ("L∞, exact", region.linf)
+    ):  # fmt: skip
         line = named(figure, name)
-        for x, tau in list(zip(line.x, line.y, strict=True))[20::60]:
-            if tau <= 0:
-                continue
-            gains = (kept.alpha, x) if plane == "beta" else (x, kept.beta)
-            pair = Parameters.of([[*gains, tau * 0.999], [*gains, tau * 1.001]])
-            found = [
-                (v.l2, v.linf_paper, v.linf_exact)[at] for v in stability_report(pair).vehicles
-            ]
-            assert [verdict.stable for verdict in found] == [False, True]
+        np.testing.assert_array_equal(line.x, region.across)
+        np.testing.assert_array_equal(line.y, limits.lower)
+    held = figure.layout.annotations[-1].text
+    assert ("d 0.5 s" in held) == (delay > 0)
+    assert LABELS[3] in held
+
+
+def test_margins_and_poles_are_those_of_the_vehicles() -> None:
+    subject = KnownVehicles(ASTAZERO)
+    forest, places = control.margin_forest(subject), control.pole_map(subject)
+    for label, margin, modes in zip(LABELS, subject.margins.vehicles, subject.modes, strict=True):
+        for norm, one in (("L₂", margin.l2), ("L∞, exact", margin.linf)):
+            assert named(forest, f"{label}, {norm}").x[0] == one.distance.value
+        assert list(named(places, f"{label}, pole").x) == list(modes.poles.real)
+    never = ParameterSet("Mine", ("late", "calm"), row(Parameters(0.1, 0.4, 1.2, delay=2.0), CALM))
+    forest = control.margin_forest(KnownVehicles(never))
+    mark = named(forest, "late, L₂")
+    assert mark.marker.symbol == "triangle-left"
+    assert mark.x[0] == forest.layout.xaxis.range[0]
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +151,7 @@ def test_bands_are_those_of_the_gain_beneath_the_curves(
 
 @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
 def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
-    learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
+    learned: tuple[ParameterSet, Uncertainty], plane: Plane, column: int
 ) -> None:
     vehicles, uncertainty = learned
     figure = figures.stability_map(KnownVehicles(vehicles, uncertainty), 0, plane)

@@ -1,8 +1,10 @@
 """Loss and parameters over iterations; a follower's data and curves."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods.estimate import History
@@ -31,16 +33,35 @@ def history(*, sets: int = 2, moments: int = 40) -> History:
     return History(steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables))
 
 
+def in_panel(figure: go.Figure, panel: int) -> list[Any]:
+    """The lines of a panel, without bands and marks."""
+    axis = "y" if panel == 1 else f"y{panel}"
+    return [t for t in figure.data if t.yaxis == axis and not t.fill and t.name != training.MARK]
+
+
+def axis_of(figure: go.Figure, panel: int) -> Any:
+    return figure.layout["yaxis" if panel == 1 else f"yaxis{panel}"]
+
+
 def test_a_loss_that_is_unused_zero_or_infinite_is_omitted() -> None:
     track = history()
-    assert len(training.loss_history(track).data) == 3, "Ψ_R is not used"
+    assert len(in_panel(training.course(track, INFO), 1)) == 3, "Ψ_R is not used"
     track.physics[:] = 0.0
     track.total[-1] = np.inf
-    figure = training.loss_history(track)
-    assert len(figure.data) == 2
-    assert np.isfinite(figure.layout.yaxis.range).all()
-    track.total[:] = track.data[:] = np.nan
-    assert training.loss_history(track).layout.yaxis.range is None
+    figure = training.course(track, INFO)
+    assert len(in_panel(figure, 1)) == 2
+    assert np.isfinite(axis_of(figure, 1).range).all()
+    track.total[:] = np.nan
+    track.data[:] = 0.0
+    assert axis_of(training.course(track, INFO), 1).range is None
+
+
+def test_an_objective_below_zero_is_drawn_too() -> None:
+    track = history()
+    track.data[:] = track.physics[:] = track.initial[:] = np.nan
+    track = replace(track, total=np.linspace(300.0, -200.0, 40))
+    (line,) = in_panel(training.course(track, INFO), 1)
+    np.testing.assert_allclose(line.y, track.total + 200.0)
 
 
 def test_a_log_likelihood_stands_in_place_of_losses_and_bands_narrow() -> None:
@@ -48,14 +69,14 @@ def test_a_log_likelihood_stands_in_place_of_losses_and_bands_narrow() -> None:
     nothing = np.full(40, np.nan)
     track = replace(track, total=nothing, data=nothing, physics=nothing, initial=nothing)
     rising = -(0.5 ** np.arange(40.0))
-    figure = training.loss_history(replace(track, log_likelihood=rising))
-    (line,) = figure.data
+    figure = training.course(replace(track, log_likelihood=rising), INFO)
+    (line,) = in_panel(figure, 1)
     np.testing.assert_array_equal(line.y, rising - rising[-1])
-    low, high = figure.layout.yaxis.range
-    assert low < line.y[0] < line.y[-1] <= high
+    low, high = axis_of(figure, 1).range
+    assert line.y[0] < low < line.y[len(line.y) // 10] < line.y[-1] <= high
     deviations = np.repeat(0.01 - rising[:, None, None], 2, axis=1) * np.ones(3)
-    band = training.parameter_history(replace(track, deviations=deviations), 0, INFO).data[0]
-    assert band.fill == "toself"
+    figure = training.course(replace(track, deviations=deviations), INFO)
+    band = next(trace for trace in figure.data if trace.fill and trace.yaxis == "y2")
     lower, upper = band.y[:40], band.y[40:][::-1]
     assert (np.diff(np.log(upper / lower)) < 0).all()
     assert lower[-1] < 0.1 < upper[-1]
@@ -63,11 +84,14 @@ def test_a_log_likelihood_stands_in_place_of_losses_and_bands_narrow() -> None:
 
 def test_the_course_of_an_estimate_is_drawn_whatever_it_maximises() -> None:
     for result, name in ((recommended(), "log likelihood"), (trained(), "total")):
-        figures = training.training_figures(result.history, result.info, result.estimate.model)
-        assert [*figures] == ["loss", *result.estimate.names]
-        (line,) = [t for t in figures["loss"].data if name in (t.name or t.hovertemplate)]
+        estimate = result.estimate
+        figure = training.course(result.history, result.info, estimate.model)
+        (line,) = [t for t in in_panel(figure, 1) if t.name == name]
         assert len(line.y) == len(result.history.iteration)
-        assert np.isfinite(figures["loss"].layout.yaxis.range).all()
+        assert np.isfinite(axis_of(figure, 1).range).all()
+        headings = [axis_of(figure, k).title.text for k in range(2, 2 + len(estimate.names))]
+        symbols = [parameter.symbol for parameter in estimate.following.parameters]
+        assert [heading.partition(" ")[0] for heading in headings] == symbols
 
 
 def test_each_model_has_the_curves_of_its_own_parameters() -> None:
@@ -75,17 +99,49 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
     own = np.linspace(model.typical, 2 * model.typical, 40)[:, None] * [[1.0], [1.5]]
     table = Parameters.of(np.concatenate([track.parameters.complete, own], axis=2))
     truth = Parameters.of(table.everything[-1])
-    figures = training.training_figures(replace(track, parameters=table), INFO, "idm", truth)
-    assert list(figures) == ["loss", *model.names]
+    figure = training.course(replace(track, parameters=table), INFO, "idm", truth)
     for k, parameter in enumerate(model.parameters):
-        figure = figures[parameter.name]
-        assert figure.layout.yaxis.title.text == f"{parameter.symbol} [{parameter.unit}]"
-        for follower, trace in enumerate(figure.data):
+        assert axis_of(figure, k + 2).title.text == f"{parameter.symbol} [{parameter.unit}]"
+        for follower, trace in enumerate(in_panel(figure, k + 2)):
             np.testing.assert_array_equal(trace.y, own[:, follower, k])
-        lines = [line.y0 for line in figure.layout.shapes]
-        assert lines == truth.own[:, k].tolist()
-    assert [*training.training_figures(track, INFO)] == ["loss", "alpha", "beta", "tau"]
-    assert names(training.parameter_history(history(sets=1), 2, INFO)) == [EVERY_FOLLOWER]
+        lines = [line.y0 for line in figure.layout.shapes if line.yref == f"y{k + 2}"]
+        assert lines == truth.nonlinear[:, k].tolist()
+    shared = training.course(history(sets=1), INFO)
+    assert {trace.name for trace in in_panel(shared, 4)} == {EVERY_FOLLOWER}
+
+
+def gap_simulated(figure: go.Figure) -> Any:
+    return next(trace for trace in figure.data if trace.name == SIMULATION)
+
+
+def test_a_moment_is_marked_on_every_line_and_its_parameters_drive_the_simulation() -> None:
+    for result in (recommended(), trained(), two_windows()):
+        estimate, track = result.estimate, result.history
+        last, count = len(track.iteration) - 1, len(estimate.names)
+        at = training.moments_of(track)
+        assert (at[0], at[-1]) == (0, last)
+        assert len(at) <= training.MOMENTS + 1
+        for moment in (0, last // 2, last):
+            figure = training.course(track, result.info, estimate.model, moment=moment)
+            marks = [trace for trace in figure.data if trace.name == training.MARK]
+            assert {trace.yaxis for trace in marks} == {
+                "y",
+                *(f"y{k}" for k in range(2, 2 + count)),
+            }
+            assert {float(trace.x[0]) for trace in marks} == {float(track.iteration[moment])}
+            window = len(result.segments) - 1
+            line = gap_simulated(training.tracking_at(result, 0, window, moment))
+            pair = result.segments[window].pair(0)
+            alone = simulated(pair, estimate.model, track.parameters[moment][[0]])
+            np.testing.assert_allclose(line.y, alone.gaps[:, 0])
+        final = gap_simulated(training.tracking_of(result, 0, window))
+        np.testing.assert_allclose(line.y, final.y, err_msg="the last is the result's own")
+
+
+def test_few_of_many_moments_can_be_chosen_most_at_the_beginning() -> None:
+    at = training.moments_of(history(moments=1500))
+    assert (at[:3], at[-1]) == ([0, 1, 2], 1499)
+    assert len(at) <= training.MOMENTS
 
 
 def test_tracking_shows_data_network_and_simulation() -> None:

@@ -17,7 +17,7 @@ from accpinn.model.spec import ModelSpec
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
-from accpinn.results.figures.platoon import amplitude_by_vehicle
+from accpinn.results.figures.platoon import growth_by_vehicle
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import FIXED, Marked, Range, Table
 from accpinn.results.tables.estimates import (
@@ -305,9 +305,9 @@ def test_behind_a_recorded_leader_what_the_vehicles_did_stands_beside() -> None:
     away = np.abs(SEGMENT.speeds - SEGMENT.speeds[0, 0]).max(axis=0)
     np.testing.assert_allclose(column(table, "Recorded", moved), away)
     assert column(table, "Recorded", "Smallest gap") == [None, *SEGMENT.gaps.min(axis=0)]
-    drawn = amplitude_by_vehicle(run, Cast(ASTAZERO, (0, 1)), False, SEGMENT)
+    drawn = growth_by_vehicle(run, Cast(ASTAZERO, (0, 1)), SEGMENT)
     (beside,) = (trace for trace in drawn.data if trace.name == "Recorded")
-    np.testing.assert_allclose(beside.y, away)
+    np.testing.assert_allclose(beside.y, away / run.largest_deviation[0])
 
 
 def test_amplitudes_and_smallest_gaps() -> None:

@@ -1,7 +1,6 @@
-"""Layouts of public data sets of trajectories, as their authors publish them.
+"""Mappings of public data sets of trajectories, which their column names identify.
 
-Column names of a data set are so particular that they name it. Units that no name says are those of
-its documentation:
+Units that the names do not give are those of the documentation:
 
     NGSIM    Next Generation Simulation (Federal Highway Administration): feet and feet/s, time in
              ms, positions of the front's middle along the road (`Local_Y`)
@@ -54,15 +53,10 @@ LAYOUTS: dict[str, CsvMapping] = {
 def published_layout(names: Sequence[str]) -> tuple[str, CsvMapping] | None:
     """The data set whose columns a table has, and its mapping; None for any other table."""
     for title, mapping in LAYOUTS.items():
-        if _columns(mapping) <= set(names):
+        speed, gap, time, by = mapping.speeds[0], mapping.gaps[0], mapping.time, mapping.by
+        columns = {speed.column, gap.column, gap.subtract if isinstance(gap.subtract, str) else ""}
+        columns |= {time.column} if time else set()
+        columns |= {by.vehicle, by.leader} if by else set()
+        if columns - {""} <= set(names):
             return title, mapping
     return None
-
-
-def _columns(mapping: CsvMapping) -> set[str]:
-    """The columns that a mapping of one row a vehicle names."""
-    speed, gap, by = mapping.speeds[0], mapping.gaps[0], mapping.by
-    named = {speed.column, gap.column, gap.subtract if isinstance(gap.subtract, str) else ""}
-    named |= {mapping.time.column} if mapping.time else set()
-    named |= {by.vehicle, by.leader} if by else set()
-    return named - {""}
