@@ -165,13 +165,13 @@ def plain(windows: Windows) -> Gain:
     )
 
 
-def corrected(model: str, estimator: str, error: float, width: float, windows: Windows) -> Gain:
+def corrected(model: str, estimator: str, windows: Windows) -> Gain:
     """The product of measured gains that are drawn towards those of a model."""
     parameters = cars(windows, model, estimator)
     pairs = gains_of(windows, parameters)
 
     def gain(_: Segment, omega: FloatArray) -> FloatArray:
-        mean, _ = corrected_gains(pairs, parameters, omega, error, width)
+        mean, _ = corrected_gains(pairs, parameters, omega)
         return np.asarray(np.exp(mean.sum(axis=0)))
 
     return gain
@@ -260,19 +260,22 @@ def fitted(name: str, windows: Windows) -> Gain:
 
 CANDIDATES: dict[str, Candidate] = {
     f"product, {BEST}": partial(product, BEST, "joint"),
+    f"product, {BEST}, simulation": partial(product, BEST, "simulation"),
     "product, cthp-s0-lag, simulation": partial(product, "cthp-s0-lag", "simulation"),
     "product, idm": partial(product, "idm", "joint"),
     "product, fvdm": partial(product, "fvdm", "joint"),
     f"chain, {BEST}": partial(chain, BEST, "joint"),
     f"chain, {BEST}, simulation": partial(chain, BEST, "simulation"),
+    "chain, cthp-s0-lag, simulation": partial(chain, "cthp-s0-lag", "simulation"),
     "chain, idm": partial(chain, "idm", "joint"),
     "chain, fvdm": partial(chain, "fvdm", "joint"),
     "chain, unequal": partial(chain, "unequal", "joint"),
     **{f"response, {name}": partial(fitted, name) for name in RESPONSES},
     "measured, without reference": plain,
     "measured": measured,
-    **{f"corrected {e:g} {w:g}": partial(corrected, BEST, "joint", e, w) 
-       for e in (0.2,0.4,0.8) for w in (0.2,0.5,1.0,2.0)},
+    f"corrected, {BEST}": partial(corrected, BEST, "joint"),
+    f"corrected, {BEST}, simulation": partial(corrected, BEST, "simulation"),
+    "corrected, fvdm": partial(corrected, "fvdm", "joint"),
     "consistency": consistency,
 }
 """Candidates by name, the reference of the paired differences first."""

@@ -27,7 +27,9 @@ between, and the gain from its answer v̂ to the recorded speed is measured. The
     Ĝ(ω) = |H(jω)| |S_v̂v| / S_v̂v̂
 
 is still measured, as a wrong H cancels, but only the ratio has to be resolved, which is about 1 and
-flat: the peak above is .1 dB too low where H is right, and .7 dB where H is itself 3 dB too low.
+flat: the peak above is .1 dB too low where H is right, and .7 dB where H is itself 3 dB too low. An
+H that resonates where the car does not is no help; what is not resolved lowers the coherence, so
+the ratio is taken where its coherence is the larger, summed over frequencies.
 
 Sources: Welch, IEEE Trans. Audio Electroacoust. 1967, for the average and n; Bendat and Piersol,
 Random Data, 4th ed. 2010, chapter 9, for H1 and ε; Carter, Proc. IEEE 1987, for the coherence of
@@ -159,41 +161,50 @@ def _measured(
 ) -> MeasuredGain:
     """The gain from the speed in one column to that in another."""
     label, step = segments[0].labels[last], segments[0].sample_time
-    has_model = reference is not None and is_reference(reference)
-    usable = []
-    for part in segments:
-        for stretch in stretches(_complete(part, first, last)):
-            pair = part.speeds[stretch.rows][:, [first, last]]
-            if reference is not None and has_model:
-                pair[:, 0] = _answer(reference, part.time[stretch.rows], pair[:, 0])
-            usable.append(pair)
-    length = _piece_length([len(pair) - 1 for pair in usable], step)
+    usable = [
+        (part.time[stretch.rows], part.speeds[stretch.rows][:, [first, last]])
+        for part in segments
+        for stretch in stretches(_complete(part, first, last))
+    ]
+    length = _piece_length([len(pair) - 1 for _, pair in usable], step)
     # A stretch of N speeds has N - 1 differences.
-    counted = [(2 * (len(pair) - 1) // length - 1, pair) for pair in usable if len(pair) > length]
-    counts = [count for count, _ in counted]
+    usable = [(time, pair) for time, pair in usable if len(pair) > length]
+    counts = [2 * (len(pair) - 1) // length - 1 for _, pair in usable]
     if sum(counts) < LEAST_PIECES:
         raise SegmentError(
             f"{label}: no measured gain, as the complete stretches of the"
             f" window hold fewer than {LEAST_PIECES} pieces of {SHORTEST:g} s; choose a longer"
             " window."
         )
-    parts = [count * _densities(pair, length) for count, pair in counted]
-    omega = 2.0 * np.pi * np.fft.rfftfreq(length, step)
-    kept = (omega > 0) & (omega <= FASTEST)
-    ahead, behind, cross = np.sum(parts, axis=0)[:, kept]
-    averages = sum(_independent(count, length) for count in counts)
-    moving = (ahead.real > 0) & (behind.real > 0)
-    answer = cross / np.where(moving, ahead.real, np.inf)
-    coherence = np.abs(cross * answer) / np.where(moving, behind.real, np.inf)
-    if reference is not None and has_model:
-        answer = answer * response(reference, omega[kept]).prod(axis=0)
-    gain, coherence = np.abs(answer), np.minimum(coherence, 1.0)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, step), np.float64)
+    inside = (omega > 0) & (omega <= FASTEST)
+
+    def answer_to(pairs: Sequence[FloatArray]) -> tuple[NDArray[np.complex128], FloatArray]:
+        """The response and the coherence."""
+        parts = [k * _densities(pair, length) for k, pair in zip(counts, pairs, strict=True)]
+        ahead, behind, cross = np.sum(parts, axis=0)[:, inside]
+        moving = (ahead.real > 0) & (behind.real > 0)
+        answer = cross / np.where(moving, ahead.real, np.inf)
+        coherence = np.abs(cross * answer) / np.where(moving, behind.real, np.inf)
+        return answer, np.minimum(coherence, 1.0)
+
+    answer, coherence = answer_to([pair for _, pair in usable])
+    if reference is not None and is_reference(reference):
+        passed = [
+            np.column_stack([_answer(reference, time, pair[:, 0]), pair[:, 1]])
+            for time, pair in usable
+        ]
+        ratio, sharper = answer_to(passed)
+        if sharper.sum() > coherence.sum():
+            answer = ratio * response(reference, omega[inside]).prod(axis=0)
+            coherence = sharper
+    gain, averages = np.abs(answer), sum(_independent(count, length) for count in counts)
     with np.errstate(divide="ignore", over="ignore"):  # without coherence the band has no end
         freedom = 2.0 * (averages - 1.0)
         error = np.sqrt((1.0 - coherence) / coherence / freedom)
         factor = np.exp(stdtrit(freedom, 0.5 + level / 2.0) * error)
     return MeasuredGain(
-        omega=frozen(omega[kept]),
+        omega=frozen(omega[inside]),
         response=_locked(answer),
         gain=frozen(gain),
         lower=frozen(gain / factor),
