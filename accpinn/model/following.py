@@ -114,6 +114,9 @@ class FollowingModel:
     """Terms beside the CTHP's α, β, τ; a lag or a delay between f and the acceleration is last."""
     formula: str = ""
     """f in symbols, for people: of p, v, Δv = u - v and the parameters' symbols."""
+    meaning: str = ""
+    """What parameters say of a vehicle, in a few words with their names in braces: "eases off {q}
+    times as hard as it closes up"."""
 
     @property
     def is_linear(self) -> bool:
