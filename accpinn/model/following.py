@@ -77,6 +77,11 @@ class Parameter:
         """Whether it is positive, so that the prior is log-normal."""
         return self.lower > 0
 
+    @property
+    def heading(self) -> str:
+        """Its symbol, with its unit in brackets where it has one."""
+        return f"{self.symbol} [{self.unit}]" if self.unit else self.symbol
+
     def value(self, z: Any, xp: ModuleType | Any = np) -> Any:
         """The parameter that lies z standard deviations of the prior above its median."""
         if self.is_positive:

@@ -3,7 +3,7 @@
     f = α₊ (e₊ - q e₋) + β₊ (d₊ - k d₋),   e = p - s₀ - τv,   d = u - v
 
 with e₊ = max(e, 0), e₋ = max(-e, 0) and likewise of d. So α₊ and β₊ are the gains on a gap that
-is too long and on a car ahead that is faster; q and k say how many times as hard the car reacts to a
+is too long and on a car ahead that is faster; q and k say how many times as hard it reacts to a
 gap that is too short and to a car ahead that is slower. With q = k = 1 it is the CTHP with s₀. The
 corners are rounded within ε = `ROUND`, so that derivatives exist everywhere:
 
