@@ -5,9 +5,10 @@ import numpy as np
 from accpinn.findings import joined, percent
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.messages.stability import MAY_AMPLIFY, three
-from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
@@ -56,7 +57,7 @@ def disturbance(run: PlatoonRun, cast: Cast) -> str:
     return f"The {what} {most} at {cast.spoken(largest)}, and {last}"
 
 
-def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
+def growth_of(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
     """The last follower's amplitude by the leader's, with its interval.
 
     None where no uncertainty is known, behind a leader that is no sinusoid or of which no period
@@ -70,7 +71,7 @@ def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity |
     return subject.growth(cast.order, leader.frequency)
 
 
-def known_growth(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> str:
+def known_growth(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> str:
     """The interval of that in a sentence; empty where there is none."""
     grows, known = growth_of(subject, cast, run), subject.uncertainty
     if grows is None or known is None:
