@@ -44,11 +44,11 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from accpinn.arguments import check_level
-from accpinn.errors import SegmentError
+from accpinn.errors import ParameterError, SegmentError
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.segment import Segment
 from accpinn.segment.cut import BRIDGE
-from accpinn.stability.criteria import peaks, response
+from accpinn.stability.criteria import checked, peaks, response
 from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, frozen, stretches
 
 LEVEL = 0.9
@@ -121,6 +121,7 @@ def measured_gain(
 
     Raises:
         SegmentError: where the complete stretches are too short for an average.
+        ParameterError: where the reference is not one car.
 
     Examples:
         >>> import accpinn
@@ -138,6 +139,13 @@ def measured_gain(
             " is 0."
         )
     check_level(level)
+    if reference is not None:
+        reference = Parameters.of(reference.complete.reshape(-1, 6))
+        if len(reference) != 1:
+            raise ParameterError(
+                f"reference: {len(reference)} cars are given; choose the parameters of the follower"
+                " alone."
+            )
     return _measured(segments, follower, follower + 1, level, reference)
 
 
@@ -225,10 +233,12 @@ def _locked(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
 def is_reference(model: Parameters) -> bool:
     """Whether a gain can be measured beside a model: each car reacts, and its motion ends."""
-    every = model.complete
-    if not np.isfinite(every).all() or ((model.alpha == 0) & (model.beta == 0)).any():
+    try:
+        cars = checked(model)
+    except ParameterError:
         return False
-    return bool(np.isfinite(peaks(model).gain).all())
+    is_still = (cars.alpha == 0) & (cars.beta == 0)
+    return not is_still.any() and bool(np.isfinite(peaks(cars).gain).all())
 
 
 def _answer(model: Parameters, time: FloatArray, ahead: FloatArray) -> FloatArray:
