@@ -23,7 +23,7 @@ from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
-from accpinn.stability.margin import Margins, margins
+from accpinn.stability.margin import Margins, NormMargin, l2_margins, margins
 from accpinn.stability.modes import Modes, modes
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
@@ -103,6 +103,13 @@ class KnownVehicles:
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
+
+    @property
+    def l2_margins(self) -> tuple[NormMargin, ...]:
+        """(M,) those of `margins` by L₂, which take a tenth of the time."""
+        known = self.uncertainty
+        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        return l2_margins(self.vehicles.parameters, draws, level)
 
     @property
     def modes(self) -> tuple[Modes, ...]:
