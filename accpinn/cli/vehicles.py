@@ -18,7 +18,6 @@ from accpinn.results.messages.estimate import assumption, contradictions
 from accpinn.results.messages.platoon import (
     disturbance,
     growth_of,
-    known_growth,
     most_amplified,
     smallest_gap,
 )
@@ -246,9 +245,8 @@ def run_simulate(options: argparse.Namespace) -> int:
 
     def text() -> str:
         labels = [cast.label(k) for k in range(len(result.largest_deviation))]
-        growth, posterior_growth = disturbance(result, cast), known_growth(subject, cast, result)
-        extremes = most_amplified(result), smallest_gap(result, cast)
-        sentences = filter(None, (growth, posterior_growth, *extremes))
+        growth = disturbance(result, cast, growth_of(subject, cast, result))
+        sentences = filter(None, (growth, most_amplified(result), smallest_gap(result, cast)))
         notes = [f"Note: {warning}" for warning in warnings]
         return "\n".join([amplitude_table(result, labels).to_text(), "", *sentences, *notes])
 

@@ -14,7 +14,7 @@ import streamlit as st
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.figures import laboratory as figures
 from accpinn.results.figures.laboratory import Part
-from accpinn.results.figures.stability import WHOLE, frequencies
+from accpinn.results.figures.stability import WHOLE, WHOLE_NAME, frequencies
 from accpinn.results.messages import stability as words
 from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.units import RadiansPerSecond
@@ -80,6 +80,7 @@ def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
             on_omega_change=lambda: take_frequency(workspace, st.session_state[WAVES]),
             data=figures.frequency_data(source, cast, part, offered) | {
                 "index": offered.index(omega), "height": HEIGHT, "response": BODE,
+                "platoon": platoon_names(source)[which],
                 "chips": [
                     {"name": name, "index": offered.index(nearest(at, offered)), "help": about}
                     for name, at, about in chips
@@ -132,14 +133,19 @@ def most_amplifying(source: KnownVehicles) -> int:
     return int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
 
 
+def platoon_names(source: KnownVehicles) -> dict[int, str]:
+    """The platoons that can be chosen, by the index of the vehicle repeated, or `WHOLE`."""
+    repeated = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(source.vehicles.labels)}
+    return repeated | {WHOLE: WHOLE_NAME}
+
+
 def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
     """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
-    labels, usual = source.vehicles.labels, most_amplifying(source)
-    if len(labels) == 1:
+    usual = most_amplifying(source)
+    if len(source.vehicles) == 1:
         return usual
-    names = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(labels)}
     return select(
-        "Platoon", names | {WHOLE: "All cars in order"}, usual, PLATOON, workspace, width=220,
+        "Platoon", platoon_names(source), usual, PLATOON, workspace, width=220,
         help="The cars behind the leader: one repeated, or all in order.",
     )  # fmt: skip
 

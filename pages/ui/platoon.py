@@ -28,6 +28,7 @@ from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.units import Quantity
 from pages.ui.components import browser, frame, show
 from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
@@ -95,7 +96,7 @@ def show_page(workspace: Workspace) -> None:
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
     with row:
         view = _choose_view(workspace, run, recorded)
-    _show_run(run, cast)
+    _show_run(run, cast, words.growth_of(source, cast, run))
     _show_charts(run, cast, view, themselves)
     _show_strip(workspace, source, run, cast, recorded)
     tabs(workspace, "platoon", {
@@ -124,10 +125,10 @@ def open_eight(workspace: Workspace, vehicles: ParameterSet, which: int, omega: 
     })  # fmt: skip
 
 
-def _show_run(run: PlatoonRun, cast: Cast) -> None:
-    """How the disturbance grows, in a sentence, and what else is found."""
-    said = words.disturbance(run, cast).replace(" %", "\N{NO-BREAK SPACE}%")
-    st.markdown(f"**{escape_markdown(said)}**")
+def _show_run(run: PlatoonRun, cast: Cast, growth: Quantity | None) -> None:
+    """The disturbance's growth in a sentence, and further findings."""
+    sentence = words.disturbance(run, cast, growth).replace(" %", "\N{NO-BREAK SPACE}%")
+    st.markdown(f"**{escape_markdown(sentence)}**")
     # The line above names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, cast), "warning")
@@ -169,9 +170,8 @@ def _show_details(
         there = source.at_speed(speed)
     if there.uncertainty:
         odds = probabilities(chosen, there.uncertainty, driving)
-        known = words.known_growth(source, cast, run)
         by = SEVERAL if source.cars else "Simulated with the estimated parameters."
-        details += f" {by} {known} {odds}"
+        details += f" {by} {odds}"
     elif not source.result:
         details += f" {words.GIVEN_SIMULATION}"
     st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))

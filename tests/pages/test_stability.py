@@ -462,7 +462,7 @@ class TestPage:
         assert "2.44 times at the last follower" in page.plain()
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
         bars = next(one for one in page.figures()[2]["data"] if one["name"] == "Simulated")
-        assert numbers(bars["y"])[-1] == pytest.approx(2.44, abs=0.005)
+        assert numbers(bars["base"])[-1] + numbers(bars["y"])[-1] == pytest.approx(2.44, abs=0.005)
         assert "From 414 to 500 s of 500 s." in page.plain(), "the animation"
         assert "From 6 to 235 s of 500 s." in page.open_tab("platoon", MAP).plain()
         assert "2.44" in page.open_tab("platoon", "Numbers").texts()

@@ -72,7 +72,7 @@ LEAST_PEAK = 4.0
 """Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
 """dB that stands for a gain of zero."""
-WHOLE, WHOLE_NAME = -1, "Leader to last follower"
+WHOLE, WHOLE_NAME = -1, "All cars in order"
 """The platoon in place of one vehicle's index, and the name of its curve."""
 
 

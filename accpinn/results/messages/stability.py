@@ -163,7 +163,7 @@ def about_margin(subject: KnownVehicles) -> str:
 MARGIN = (
     "Margin: the vehicle's time gap τ + s₀/v minus the smallest at which it is string stable with"
     " its own gains, s₀, lag and delay; that is τ - τ_min at every speed. A nonlinear model is"
-    " linearised at the speed. Leader to last follower: the change of all time gaps at which no"
+    " linearised at the speed. All cars in order: the change of all time gaps at which no"
     " frequency is larger at the last follower than at the leader. With a lag or a delay, peaks"
     " that grow by less than .02 % count as stable by L∞."
 )

@@ -158,7 +158,7 @@ def margin_table(subject: KnownVehicles) -> Table:
     digits = MARGIN_DIGITS if found.level else 2
     more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
-        (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
+        (Column("Vehicle"), [*subject.vehicles.labels, *(["All cars in order"] * len(more))]),
         (Column("Time gap", "s", 2), [*(_plain(row.time_gap) for row in rows), *more]),
     ]
     for group, norms in ((L2, [row.l2 for row in rows]), (LINF, [row.linf for row in rows])):

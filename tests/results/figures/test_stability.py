@@ -43,7 +43,7 @@ def test_bode_curves_are_the_magnitude_in_db_with_their_vehicle(figure: go.Figur
     np.testing.assert_allclose(
         curves[0].y, decibels(ASTAZERO.parameters[:1], curves[0].x)[0], atol=1e-9
     )
-    whole = named(figure, "Leader to last follower")
+    whole = named(figure, "All cars in order")
     np.testing.assert_allclose(whole.y, np.sum([curve.y for curve in curves], axis=0), atol=1e-9)
     assert [{*curve.customdata} for curve in (*curves, whole)] == [{0}, {1}, {2}, {3}, {-1}]
     assert [trace.name for trace in legend(figure)] == [*LABELS, whole.name]
