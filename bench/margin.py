@@ -1,8 +1,9 @@
 """`python -m bench.margin`: how often do 90 % intervals cover the true margin of the time gap?
 
 Cars are those of `bench.coverage`, each with some windows in which α, β and τ differ from its
-typical values, with disturbances and the receivers' noise. τ is set so that the typical car's L₂
-margin is that of its kind: stable, unstable, or near the border. Measured are the shares of cars
+typical values, with disturbances and the receivers' noise. Unstable ones have published parameters.
+The others have their α, a time gap as such cars may have, and the β with which the typical car's L₂
+margin is that of a stable car, or of one near the border. Measured are the shares of cars
 whose interval of the typical car's margin covers the true one, by L₂ and by the exact L∞ criterion,
 the intervals' median width, and the share of intervals beyond zero on the wrong side of it.
 
@@ -27,12 +28,14 @@ from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Measurement, measured, show
 from bench.prediction import posterior
 
-KINDS: dict[str, tuple[Seconds, Seconds]] = {
-    "stable": (0.3, 0.6), "unstable": (-0.8, -0.3), "near the border": (-0.15, 0.15),
-}  # fmt: skip
-"""The L₂ margin of the typical car, between two ends."""
-SHORTEST: Seconds = 0.5
-"""Least τ of a car."""
+KINDS: dict[str, tuple[tuple[Seconds, Seconds], tuple[Seconds, Seconds]] | None] = {
+    "unstable": None,
+    "stable": ((1.5, 2.1), (0.2, 0.6)),
+    "near the border": ((1.3, 1.9), (-0.15, 0.15)),
+}
+"""Ends of τ and of the L₂ margin of the typical car; None where both are those of published ones."""
+BETAS = np.linspace(0.05, 1.5, 300)
+"""β in 1/s of which one is chosen."""
 NORMS = "l2", "linf"
 TITLES = {"l2": "L₂", "linf": "L∞"}
 
@@ -41,11 +44,14 @@ def windows_of_kind(
     seed: int, kind: str, windows: int, disturbance: Disturbance
 ) -> tuple[Parameters, list[Segment]]:
     """A simulated car's typical parameters (1,), and its windows."""
-    rng = np.random.default_rng([seed, 5])
-    alpha, beta, _ = SETS[seed % len(SETS)].values
+    rng, known = np.random.default_rng([seed, 5]), KINDS[kind]
+    alpha, beta, tau = SETS[seed % len(SETS)].values
     late = {"lag": disturbance.lag, "delay": disturbance.delay}
-    smallest = float(l2_headways(Parameters([alpha], [beta], [1.0], **late)).smallest[0])
-    tau = max(smallest + rng.uniform(*KINDS[kind]), SHORTEST)
+    if known:
+        tau, margin = (rng.uniform(*ends) for ends in known)
+        tried = Parameters(np.full(len(BETAS), alpha), BETAS, np.ones(len(BETAS)), **late)
+        away = np.abs(tau - l2_headways(tried).smallest - margin)
+        beta = float(BETAS[np.nan_to_num(away, posinf=np.inf).argmin()])
     differ = BETWEEN * rng.standard_normal((windows, 3))
     segments = [
         disturbed([Parameters(*row)], windows * seed + k, disturbance, duration=WINDOW)

@@ -325,6 +325,14 @@ def _is_stable(parameters: Parameters, total: FloatArray) -> Mask:
     return np.asarray(np.arctan2(omega * total, alpha) > behind)
 
 
+def is_damped(parameters: Parameters) -> Mask:
+    """(V,) whether the own motion of vehicles decays, or there is none."""
+    flat = parameters.flat
+    total = np.where(flat.alpha > 0, flat.alpha * flat.tau, 0.0) + flat.beta
+    silent, is_late = (flat.alpha == 0) & (flat.beta == 0), (flat.lag > 0) | (flat.delay > 0)
+    return silent | ((total > 0) & (~is_late | _is_stable(flat, total)))
+
+
 def linf_headways(parameters: Parameters, l2: Headways) -> FloatArray:
     """(V,) the smallest exactly L∞ stable τ in s of V vehicles; infinite where none is.
 
