@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[tuple[Seconds, Seconds], tuple[Seconds, Seconds]] | None]
     "stable": ((1.5, 2.1), (0.2, 0.6)),
     "near the border": ((1.3, 1.9), (-0.15, 0.15)),
 }
-"""Ends of τ and of the L₂ margin of the typical car; None where both are those of published ones."""
+"""Ends of τ and of the L₂ margin of the typical car; None where these are as published."""
 BETAS = np.linspace(0.05, 1.5, 300)
 """β in 1/s of which one is chosen."""
 NORMS = "l2", "linf"

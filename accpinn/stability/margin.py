@@ -330,7 +330,7 @@ def is_damped(parameters: Parameters) -> Mask:
     flat = parameters.flat
     total = np.where(flat.alpha > 0, flat.alpha * flat.tau, 0.0) + flat.beta
     silent, is_late = (flat.alpha == 0) & (flat.beta == 0), (flat.lag > 0) | (flat.delay > 0)
-    return silent | ((total > 0) & (~is_late | _is_stable(flat, total)))
+    return np.asarray(silent | ((total > 0) & (~is_late | _is_stable(flat, total))))
 
 
 def linf_headways(parameters: Parameters, l2: Headways) -> FloatArray:
