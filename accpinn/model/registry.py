@@ -41,6 +41,7 @@ from accpinn.errors import ConfigError, shown
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.cthp import simulate as simulate_cthp
 from accpinn.model.following import COMPLEX_STEP, ConstantTimeHeadway, FollowingModel, Parameter
+from accpinn.model.unequal_gains import UNEQUAL_GAINS
 from accpinn.units import FloatArray
 
 
@@ -123,6 +124,7 @@ FVDM = FollowingModel(
 BASES = (
     CTHP,
     CTHP_S0,
+    UNEQUAL_GAINS,
     IDM,
     FVDM,
 )

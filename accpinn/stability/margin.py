@@ -139,7 +139,7 @@ class Margins(Displayed):
             at = f"{vehicle.time_gap.value:.2f} s at {3.6 * self.speed[k]:.0f} km/h"
             lines.append(f"  {name}: time gap {at}; {both}")
         if self.platoon:
-            lines.append(f"  Leader to last follower: L₂ {_seconds(self.platoon)}")
+            lines.append(f"  All cars in order: L₂ {_seconds(self.platoon)}")
         return "\n".join([*lines, "More: .to_frame(), .vehicles[0].l2.distance"])
 
     def to_frame(self) -> "DataFrame":

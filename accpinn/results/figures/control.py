@@ -19,8 +19,8 @@ from accpinn.results.figures.stability import (
     WHOLE_NAME,
     colours,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability.modes import dominant_poles, responses
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity, Seconds
 
 HEIGHT = 320
@@ -39,7 +39,7 @@ RESPONSE: tuple[Seconds, Seconds] = (10.0, 90.0)
 """Least and greatest length of the responses in sight."""
 
 
-def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """Poles and zeros of every vehicle, and the rightmost poles of some posterior samples.
 
     What is in sight are the poles that decide; faster ones lie to the left. The height is in
@@ -89,7 +89,7 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+def step_responses(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """The speed of every vehicle after a unit step of the speed ahead. The height is in pixels."""
     vehicles, end = subject.vehicles, response_length(subject)
     chart = style.Chart("step-responses", height, hoverdistance=200)
@@ -109,7 +109,7 @@ def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go.Figure:
+def impulse_response(subject: AssessedVehicles, k: int, height: int = HEIGHT) -> go.Figure:
     """H of one vehicle, its areas above and below zero shaded, with the verdict's ‖h‖₁.
 
     The height is in pixels.
@@ -139,13 +139,13 @@ def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go
     return chart.figure()
 
 
-def response_length(subject: KnownVehicles) -> Seconds:
+def response_length(subject: AssessedVehicles) -> Seconds:
     """The time that responses show: until all vehicles that settle have done so."""
     settled = [m.settling for m in subject.modes if np.isfinite(m.settling)]
     return float(np.clip(1.25 * max(settled, default=RESPONSE[1]), *RESPONSE))
 
 
-def margin_forest(subject: KnownVehicles) -> go.Figure:
+def margin_forest(subject: AssessedVehicles) -> go.Figure:
     """The margin of every vehicle's time gap by both norms, and of the platoon, with intervals.
 
     A triangle at the left end stands for a vehicle that no larger time gap makes stable, one at the

@@ -25,10 +25,10 @@ from accpinn.results.tables import (
     interval_cells,
     percent_cells,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
@@ -103,12 +103,12 @@ def criteria_part(table: Table) -> Table:
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
-def known_table(subject: KnownVehicles) -> Table:
+def known_table(subject: AssessedVehicles) -> Table:
     """The `stability_table` of vehicles with all that is known of them."""
     return stability_table(subject.vehicles, subject.report, subject.uncertainty, subject.checks)
 
 
-def verdict_table(subject: KnownVehicles) -> Table:
+def verdict_table(subject: AssessedVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
@@ -116,7 +116,7 @@ def verdict_table(subject: KnownVehicles) -> Table:
     return replace(narrow, caption="")
 
 
-def modes_table(subject: KnownVehicles) -> Table:
+def modes_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
     known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
     gains = [vehicle.linf_gain for vehicle in report]
@@ -145,14 +145,14 @@ def _pole(poles: NDArray[np.complex128]) -> str | None:
     return f"{first.real:.3f}" + f" ± {abs(first.imag):.3f}j" * bool(first.imag)
 
 
-def margin_table(subject: KnownVehicles) -> Table:
+def margin_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
     found = subject.margins
     rows, platoon = [*found.vehicles], found.platoon
     digits = MARGIN_DIGITS if found.level else 2
     more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
-        (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
+        (Column("Vehicle"), [*subject.vehicles.labels, *(["All cars in order"] * len(more))]),
         (Column("Time gap", "s", 2), [*(_plain(row.time_gap) for row in rows), *more]),
     ]
     for group, norms in ((L2, [row.l2 for row in rows]), (LINF, [row.linf for row in rows])):

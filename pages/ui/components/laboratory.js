@@ -135,13 +135,16 @@ class Laboratory {
     const last = sizes.length - 1, settled = sizes.indexOf(null);
     const level = (y(top) + y(most)) / 2, [from, to] = [x(period / 4), x(1.25 * period)];
     this.words.replaceChildren();
+    const [right, bottom] = [width - MARGIN.right, height - MARGIN.bottom - 6];
+    say(data.platoon, { class: "platoon", x: right, y: bottom - 16, "text-anchor": "end" },
+      this.words);
     element("path", { class: "period", stroke: data.mark,
       d: `M${from},${level - 4}v8m0,-4H${to}m0,-4v8` }, this.words);
     say(`one period: ${written(period, 1)} s`, { x: to + 6, y: level + 4 }, this.words);
     this.svg.dataset.last = settled < 0 ? sizes[last].toFixed(2) : "";
     say(settled < 0 ? `last follower ${written(sizes[last], 2)} m/s, leader ${written(sizes[0], 2)}`
       : `${data.names[settled]} never settles`,
-      { x: width - MARGIN.right, y: height - MARGIN.bottom - 6, "text-anchor": "end" }, this.words);
+      { x: right, y: bottom, "text-anchor": "end" }, this.words);
   }
 
   // The line nearest to the pointer, with its car and speed.
@@ -190,21 +193,23 @@ class Laboratory {
       element("path", { d: `M${left},${top}V${bottom}`, stroke: data.mark, "stroke-width": 1.5,
         "stroke-dasharray": "2 3" }, this.mark);
     }
-    const size = 15, rows = data.curves.length;
+    const size = 15, rows = data.curves.length, look = { "font-size": 12, fill: ink,
+      "paint-order": "stroke", stroke: paper, "stroke-width": 3, "stroke-linejoin": "round" };
+    say(`at ${frequency(omega)}:`, { ...look, x: xaxis._offset + 6, y: bottom - 8 - size * rows },
+      this.mark);
     data.curves.forEach(({ name, colour, values }, k) => {
       const value = values[at], down = value === null ? NaN : top + yaxis.d2p(value);
       if (isSeen && down >= top && down <= bottom) {
         element("circle", { cx: left, cy: down, r: 5, fill: colour, stroke: data.mark,
           "stroke-width": 2 }, this.mark);
       }
-      const y = bottom - 8 - size * (rows - 1 - k), look = { y, "font-size": 12, fill: ink,
-        "paint-order": "stroke", stroke: paper, "stroke-width": 3, "stroke-linejoin": "round" };
+      const y = bottom - 8 - size * (rows - 1 - k);
       element("rect", { x: xaxis._offset + 6, y: y - 6, width: 12, height: 3, fill: colour },
         this.mark);
-      const said = element("text", { ...look, x: xaxis._offset + 74, "text-anchor": "end",
+      const said = element("text", { ...look, x: xaxis._offset + 74, y, "text-anchor": "end",
         "data-curve": k }, this.mark);
       said.textContent = value === null ? "–" : `${signed(value, data.decimals)} ${data.unit}`;
-      element("text", { ...look, x: xaxis._offset + 82 }, this.mark).textContent = name;
+      say(name, { ...look, x: xaxis._offset + 82, y }, this.mark);
     });
   }
 
