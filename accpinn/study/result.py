@@ -56,6 +56,7 @@ from accpinn.stability.criteria import response, transfer_function
 from accpinn.stability.margin import Margins, margins
 from accpinn.stability.measured_gain import MeasuredGain, head_to_tail_gain, measured_gain
 from accpinn.stability.waves import Waves, waves
+from accpinn.stability.what_if import WhatIf
 from accpinn.study import Analysis
 from accpinn.study.judge import Judgement
 from accpinn.units import FloatArray
@@ -451,6 +452,31 @@ class Result(Displayed):
         level = known.level if known else LEVEL
         about = self.info
         return margins(parameters, at, draws, level, about.names[1:], about.vehicles[1:])
+
+    @checked_method
+    def what_if(
+        self, *, time_gap: float = 0.0, delay: float = 0.0, feedforward: float = 0.0,
+        latency: float = 0.0,
+    ) -> WhatIf:  # fmt: skip
+        """How the followers would pass on disturbances with another control, see `WhatIf`.
+
+        Args:
+            time_gap: in s, added to that of each follower.
+            delay: in s, added likewise.
+            feedforward: share of the acceleration of the car ahead that is commanded as well.
+            latency: age of that acceleration in s.
+
+        Raises:
+            ParameterError: for a change that is beyond any vehicle.
+
+        Examples:
+            >>> import accpinn
+            >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-3", method="splines")
+            >>> result.what_if(feedforward=1.0).peaks.gain.tolist()
+            [1.0, 1.0]
+        """
+        names = self.info.names[1:]
+        return WhatIf(self.parameters, time_gap, delay, feedforward, latency, names)
 
     @checked_method
     def waves(self, speed: float | None = None) -> Waves:

@@ -79,6 +79,9 @@ def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -
             open_tab(page, tab)
             idle(page)
             counts[tab] = counts[title][0], len(words(page))
+        if title == "Stability":
+            page.get_by_role("button", name="What if").click()
+            counts["What if"] = len(words(page, is_fold=True)), len(words(page))
     go(page, "Snapshots")
     save = page.get_by_role("button", name="Save", exact=True)
     save.wait_for()
