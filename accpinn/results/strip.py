@@ -190,14 +190,9 @@ def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     """The largest gain of a vehicle, and where disturbances grow most."""
     if not subject.has_report or subject.assessed[place] == "not determined":
         return Estimated(UNKNOWN, NOT_DETERMINED)
-    gain, lower, upper = subject.report.vehicles[place].peak.gain, nan, nan
-    if known := subject.uncertainty:
-        ends = known.peak_gain
-        lower, upper = float(ends.lower[place]), float(ends.upper[place])
     label = subject.vehicles.labels[place]
-    return Estimated(
-        Quantity(gain, lower, upper), becomes(subject, [place], label, is_headline=True)
-    )
+    why = becomes(subject, [place], label, is_headline=True)
+    return Estimated(subject.growths[place].gain, why)
 
 
 def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:

@@ -12,7 +12,9 @@ import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws
+from accpinn.inference.intervals import growth as growth_band
+from accpinn.inference.measured_growth import Growth, different, growth_along
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -29,6 +31,19 @@ from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecon
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
+
+
+@dataclass(frozen=True)
+class PeakGrowth:
+    """The largest gain from the speed ahead of some cars in a row to that of the last of them."""
+
+    gain: Quantity
+    """At least 1; the measured one where the recording holds it, else the model's."""
+    omega: RadiansPerSecond
+    """0 where no frequency is amplified."""
+    model: float
+    """The model's largest gain."""
+    is_measured: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +156,70 @@ class AssessedVehicles:
         """
         if self.uncertainty is None:
             return None
-        lower, upper = growth(self.uncertainty, tuple(order), omega)
+        lower, upper = growth_band(self.uncertainty, tuple(order), omega)
         platoon = self.vehicles.parameters[[*order]]
         at = head_to_tail_peaks(platoon).omega[-1] if omega is None else omega
         gain = np.abs(response(platoon, np.array([at]))).prod()
         return Quantity(float(gain), lower, upper) if np.isfinite(lower) else None
+
+    def measured_growth(self, order: Sequence[int]) -> Growth | None:
+        """The growth along a platoon, by index of each of its vehicles, as far as it was measured.
+
+        None where no vehicle was recorded or its posterior is not known, and at another speed than
+        the recorded one.
+        """
+        if self.speed is not None or self.uncertainty is None:
+            return None
+        if self.result:
+            is_shared = self.result.info.shares(self.result.estimate.case)
+            if is_shared and len(order) == 1:  # one parameter set stands for all followers
+                return None
+            return self.result.measured_growth(tuple(order))
+        if not self.cars:
+            return None
+        cars = [self.cars[k] for k in order]
+        gains = [
+            result.measured_gains[place] if result.segments else None for result, place in cars
+        ]
+        return growth_along(gains, self.vehicles.parameters[[*order]])
+
+    def peak_growth(self, order: Sequence[int]) -> PeakGrowth:
+        """The largest growth along a platoon: measured, or the model's with its interval."""
+        peaks = head_to_tail_peaks(self.vehicles.parameters[[*order]])
+        model, omega = float(peaks.gain[-1]), float(peaks.omega[-1])
+        growth = self.measured_growth(order)
+        if growth and growth.is_peak_measured:
+            return PeakGrowth(growth.peak, growth.peak_omega, model, True)
+        gain = Quantity(model, np.nan, np.nan)
+        if known := self.uncertainty:
+            spread = known.peak_gain
+            ends = growth_band(known, tuple(order)) if len(order) > 1 else (
+                float(spread.lower[order[0]]), float(spread.upper[order[0]])
+            )  # fmt: skip
+            gain = Quantity(model, *ends)
+        return PeakGrowth(gain, omega, model, False)
+
+    @cached_property
+    def growths(self) -> tuple[PeakGrowth, ...]:
+        """(M,) the largest growth behind each vehicle alone."""
+        return tuple(self.peak_growth([k]) for k in range(len(self.vehicles)))
+
+    @cached_property
+    def platoon_growth(self) -> PeakGrowth:
+        """The largest growth from the leader to the last of all vehicles."""
+        return self.peak_growth(range(len(self.vehicles)))
+
+    @cached_property
+    def platoon_difference(self) -> float:
+        """The share of the frequencies at which the measured platoon differs from its cars' models.
+
+        It is nan where there is nothing to compare.
+        """
+        order = range(len(self.vehicles))
+        growth = self.measured_growth(order)
+        if growth is None or self.uncertainty is None or len(order) < 2:
+            return np.nan
+        return different(growth, self.uncertainty, order)
 
     def at_speed(self, speed: MetresPerSecond) -> "AssessedVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
