@@ -79,7 +79,10 @@ def posterior(*stable: float) -> Any:
     """What sentences read of the uncertainty of some vehicles."""
     count = len(stable)
     gains = SimpleNamespace(lower=np.full(count, 1.25), upper=np.full(count, 1.75))
-    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
+    shares = np.array(stable)
+    return SimpleNamespace(
+        probability_l2=shares, peak_gain=gains, probability_linf=shares, linf_gain=gains, level=0.9
+    )
 
 
 VERDICTS = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
