@@ -29,6 +29,7 @@ from accpinn.results.messages.stability import (
     platoon_reasons,
     reason,
     reasons,
+    waves_in_words,
 )
 from accpinn.results.tables.stability import (
     amplitude_table,
@@ -38,6 +39,7 @@ from accpinn.results.tables.stability import (
 )
 from accpinn.stability import VehicleStability, Verdict
 from accpinn.stability.margin import VehicleMargin
+from accpinn.stability.waves import PARTS, LargestGrowth
 from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
@@ -122,13 +124,14 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
     report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
-    known = subject.uncertainty
+    known, waves = subject.uncertainty, subject.waves
     checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
             | {"margin": _describe_margin(subject.margins.vehicles[k], known)}
+            | ({"waves": _describe_waves(waves.vehicles[k])} if waves else {})
             | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
@@ -197,6 +200,12 @@ def _describe_margin(margin: VehicleMargin, known: Uncertainty | None) -> dict[s
     return {"time_gap": margin.time_gap.value, **norms}
 
 
+def _describe_waves(growth: LargestGrowth) -> list[dict[str, float]]:
+    """The growth of waves of each size, in m/s."""
+    rows = zip(*(getattr(growth, part).tolist() for part in PARTS), strict=True)
+    return [dict(zip(PARTS, row, strict=True)) for row in rows]
+
+
 def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": why}
 
@@ -206,6 +215,7 @@ def _report_text(subject: AssessedVehicles) -> str:
     lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]
+    lines += [waves_in_words(subject.waves)] if subject.waves else []
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
     for k, (label, verdicts) in enumerate(reasons(subject)):

@@ -345,7 +345,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
             _score_document(score, speed, share)
             for score, share in zip(judged.scores, wins([judged]), strict=True)
         ],
-        "best": judged.ranked[0].model.key,
+        "best": judged.ranked[0].key,
         "clear": judged.is_clear,
         "sentences": messages(judged.findings, judged.info),
     }
@@ -355,14 +355,15 @@ def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> 
     model, vehicle = score.model, stability_at(score.model, score.theta, speed)
     named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
     return {
-        "model": model.key,
-        "title": model.title,
+        "model": score.key,
+        "title": score.title,
         "parameters": {
             name: {"value": value, "interval": [low, high], "determined": bool(known)}
             for name, value, low, high, known in named
         },
         "level": MODEL_LEVEL,
         "gap_rmse": score.rmse.tolist(),
+        "gap_mae": score.mae.tolist(),
         "time_gap_rmse": score.time_gap_rmse.tolist(),
         "collided": score.collided.tolist(),
         "wins": float(share),

@@ -32,6 +32,7 @@ from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.margin import Margins, margins
 from accpinn.stability.modes import Modes, modes
+from accpinn.stability.waves import Waves, waves
 from accpinn.study.result import Result
 from accpinn.units import (
     FloatArray,
@@ -177,6 +178,23 @@ class AssessedVehicles:
         drawn = self.uncertainty.draws[:, place].time_gap(speed)
         lower, upper = interval_ends(drawn, self.uncertainty.level)
         return Quantity(value, float(lower), float(upper))
+
+    @cached_property
+    def waves(self) -> Waves | None:
+        """The growth of waves by size and direction; None under a CTHP, where all grow alike.
+
+        It is that of `Result.waves` where the vehicles are those of one estimate.
+        """
+        vehicles, theta = self.vehicles, self.vehicles.parameters.nonlinear
+        if not theta.size:
+            return None
+        speeds = np.full(len(vehicles), self.speed or self.median_speed)
+        if self.speed is None and self.result:
+            speeds = self.result.estimate.speeds[: len(vehicles)]
+        elif self.speed is None and self.typed_speeds:
+            speeds = np.array(self.typed_speeds)
+        model, numbers = FOLLOWING[vehicles.model], vehicles.vehicles[1:]
+        return waves(model, theta, speeds, vehicles.labels, numbers)
 
     @property
     def modes(self) -> tuple[Modes, ...]:

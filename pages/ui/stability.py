@@ -65,6 +65,8 @@ def show_page(workspace: Workspace) -> None:
         "Region": lambda: _show_region(workspace, shown),
         "Margin": lambda: _show_margin(shown),
         "Measured": lambda: _show_measured(workspace, shown),
+        **({"Waves": lambda: _show_waves(shown)} if shown.vehicles.parameters.nonlinear.size
+           else {}),
     })  # fmt: skip
 
 
@@ -260,6 +262,16 @@ def _show_margin(source: AssessedVehicles) -> None:
     show.table(table, (*figures.colours(chosen), LEADER)[: len(table.rows)])
     show.caption(f"{words.MARGIN_MARKS} {words.about_margin(source)}", words.MARGIN)
     show.downloads(table, f"margin_{chosen.title}".lower(), "margin")
+
+
+def _show_waves(source: AssessedVehicles) -> None:
+    """The growth of waves by their size and direction."""
+    waves = source.waves
+    assert waves is not None  # as the tab is there for models that have some
+    st.markdown(f"**{escape_markdown(words.waves_in_words(waves))}**")
+    show.chart(control.growth_by_size(source, waves), "stability_waves")
+    show.caption("Solid: braking waves; dashed: accelerating ones.", words.WAVES)
+    show.downloads(tables.waves_table(waves), f"waves_{source.vehicles.title}".lower(), "waves")
 
 
 def _show_reasons(workspace: Workspace, source: AssessedVehicles) -> None:

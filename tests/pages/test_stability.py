@@ -242,6 +242,21 @@ def test_by_hand_another_model_has_its_own_parameters() -> None:
         assert sentence in error
 
 
+def test_waves_of_either_direction_are_shown_of_models_that_tell_them_apart() -> None:
+    page = open_page("Stability", with_example()).choose("stability_source", "hand")
+    page.choose("stability_rows_model", "unequal")
+    session = page.workspace()
+    name, *values = session.choices[ROWS][0]
+    session.choices[ROWS] = ((name, *values), ("Other", values[0], 3.0, *values[2:]))
+    page = open_page("Stability", session).open_tab("stability", "Waves")
+    lines = {trace["name"]: trace["y"] for trace in page.figures()[-1]["data"]}
+    assert len(lines) == 4
+    waves = parameters_from(session, "hand", ()).waves
+    assert waves is not None
+    assert waves.vehicles[0].braking == pytest.approx(waves.vehicles[0].accelerating, rel=0.01)
+    assert waves.vehicles[1].braking != pytest.approx(waves.vehicles[1].accelerating, rel=0.01)
+
+
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
 def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(title: str) -> None:
     session = sessions.workspaces().new()

@@ -1,4 +1,4 @@
-"""What control engineers ask of vehicles, as figures: poles, responses in time, and margins."""
+"""What control engineers ask of vehicles, as figures: poles, responses, margins, large waves."""
 
 import html
 from collections.abc import Sequence
@@ -20,6 +20,7 @@ from accpinn.results.figures.stability import (
     colours,
 )
 from accpinn.stability.modes import dominant_poles, responses
+from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity, Seconds
 
@@ -188,6 +189,33 @@ def margin_forest(subject: AssessedVehicles) -> go.Figure:
     chart.axis("y", tickvals=[*range(len(rows))][::-1], ticktext=names, showgrid=False,
                range=[-0.6, last + 0.6])  # fmt: skip
     chart.words("unstable", 0.005, 0.995)
+    return chart.figure()
+
+
+def growth_by_size(subject: AssessedVehicles, found: Waves, height: int = HEIGHT) -> go.Figure:
+    """How much waves grow by their size: braking ones, accelerating ones dashed, and small ones.
+
+    The height is in pixels.
+    """
+    chart = style.Chart("waves", height, hoverdistance=30)
+    chart.level("y", 1.0, LIMIT, "below")
+    rows = zip(found.vehicles, colours(subject.vehicles), subject.report.vehicles, strict=True)
+    tops, end = [1.1], 0.0
+    for k, (vehicle, colour, linear) in enumerate(rows):
+        label = found.names[k]
+        size, small = 3.6 * vehicle.amplitude, linear.peak.gain
+        for part, words, dash in (
+            (vehicle.braking, "braking", "solid"), (vehicle.accelerating, "accelerating", "dash"),
+        ):  # fmt: skip
+            chart.line(
+                np.insert(size, 0, 0.0), np.insert(part, 0, small), f"{label}, {words}", colour,
+                2.2, dash, showlegend=dash == "solid",
+                hover=f"{words}: %{{y:.2f}} at %{{x:.0f}} km/h<extra>{html.escape(label)}</extra>",
+            )  # fmt: skip
+            tops += part[np.isfinite(part)].tolist()
+        end = max(end, float(size[-1]))
+    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
+    chart.axis("y", "Growth", range=[min(0.9, *tops), 1.05 * min(max(tops), 5.0)])
     return chart.figure()
 
 

@@ -33,6 +33,7 @@ from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.cast import Cast
+from accpinn.results.figures import control
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.laboratory import steady_waves
@@ -296,6 +297,10 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if uncertainty:
         about += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     yield Picture("map", with_legend(chart), about)
+    if waves := subject.waves:
+        said = [on_stability.waves_in_words(waves), "Solid: braking waves; dashed: accelerating."]
+        chart = with_legend(control.growth_by_size(subject, waves))
+        yield Picture("waves", chart, " ".join([*said, on_stability.WAVES]))
 
 
 def platoon_pictures(

@@ -28,6 +28,7 @@ from accpinn.results.tables import (
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
@@ -171,6 +172,26 @@ def margin_table(subject: AssessedVehicles) -> Table:
             (Column("Margin", "s", digits, group), margins),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
+
+
+def waves_table(found: Waves) -> Table:
+    """One row a vehicle and size of a wave: how much a braking and an accelerating one grow."""
+    rows = [(name, v, k) for name, v in zip(found.names, found.vehicles, strict=True)
+            for k in range(len(v.amplitude))]  # fmt: skip
+    parts = (("Braking", "braking"), ("Accelerating", "accelerating"),
+             ("First harmonic", "harmonic"))  # fmt: skip
+    return Table.of(
+        "Growth of waves",
+        [
+            (Column("Vehicle"), [name for name, *_ in rows]),
+            (Column("Mean speed", "km/h", 0), [3.6 * v.speed for _, v, _ in rows]),
+            (Column("Size", "m/s", 1), [float(v.amplitude[k]) for _, v, k in rows]),
+            *(
+                (Column(title, "", 3), [float(getattr(v, part)[k]) for _, v, k in rows])
+                for title, part in parts
+            ),
+        ],
+    )
 
 
 def _plain(value: Quantity) -> Cell:

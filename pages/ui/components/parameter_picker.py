@@ -303,7 +303,7 @@ def _columns(model: str) -> Mapping[str, Any]:
     following = FOLLOWING[model]
     number = st.column_config.NumberColumn
     parameters = OF_CTHP if following.is_linear else following.parameters
-    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=79) for p in parameters}
+    named = {p.heading: number(format="%.6g", width=79) for p in parameters}
     speed = number(format="%.6g", width=79, help="The speed at which the model is linearised.")
     text = st.column_config.TextColumn(max_chars=40, width=126)
     return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
