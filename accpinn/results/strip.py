@@ -13,11 +13,17 @@ from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.registry import TITLES
 from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
-from accpinn.results.messages.stability import becomes, reason
+from accpinn.results.messages.stability import (
+    becomes,
+    margin_in_words,
+    next_to_stable,
+    reason,
+)
 from accpinn.results.messages.summary import unfinished
+from accpinn.results.objections import Objection, against_model
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.vehicles import KnownVehicles, Objection, against_model
 from accpinn.stability import Assessment, Verdict, assessment
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
 
 UNKNOWN = Quantity(nan, nan, nan)
@@ -87,14 +93,15 @@ class Strip:
     speed: MetresPerSecond
     """Speed at which the time gap is stated."""
     about: tuple[str, ...]
-    """Method, model, windows, Case, and what an estimate without intervals is."""
+    """Method, model, windows, Case, what an estimate without intervals is, and how much more time
+    gap string stability takes."""
 
     def of_places(self, places: Collection[int]) -> "Strip":
         """The strip of some of the vehicles alone, by their index; 0 for the first."""
         return replace(self, rows=tuple(row for row in self.rows if row.place in places))
 
 
-def strip_of(subject: KnownVehicles, description: Description | None = None) -> Strip:
+def strip_of(subject: AssessedVehicles, description: Description | None = None) -> Strip:
     """The strip of some vehicles; of a result's vehicles with all that its description has.
 
     Args:
@@ -103,7 +110,7 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
 
     Examples:
         >>> from accpinn.model.published import ASTAZERO
-        >>> [row.l2.assessment for row in strip_of(KnownVehicles(ASTAZERO)).rows]
+        >>> [row.l2.assessment for row in strip_of(AssessedVehicles(ASTAZERO)).rows]
         ['unstable', 'unstable', 'unstable', 'unstable']
     """
     vehicles, leader = subject.vehicles, subject.vehicles.vehicles[0]
@@ -113,25 +120,26 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
             trust = _trust(subject, k, describe(result).row(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
-        about = (vehicles.title, *models, *([] if subject.uncertainty else [POINTS]))
-        return Strip(rows, leader, SPEEDS[-1], about)
+        point = "" if subject.uncertainty else POINTS
+        about = filter(None, (vehicles.title, *models, point, next_to_stable(subject)))
+        return Strip(rows, leader, SPEEDS[-1], tuple(about))
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
     rows = tuple(_row(subject, k, row) for k, row in zip(places, known.rows, strict=True))
     return Strip(rows, leader, known.estimate.stated_speed, _about(subject, known))
 
 
-def _about(subject: KnownVehicles, known: Description) -> tuple[str, ...]:
+def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
     seconds = sum(part.window.duration for part in known.infos)
     windows = "1 window" if len(known.infos) == 1 else f"{len(known.infos)} windows"
     linear = f"linearised at {3.6 * subject.speed:.0f} km/h" if subject.speed else ""
     case = f"Case {known.estimate.case}" if known.info.followers > 1 else ""
     model = TITLES[known.estimate.model]
     parts = known.method, model, linear, f"{windows}, {seconds:,.0f} s", case, known.point
-    return tuple(filter(None, parts))
+    return tuple(filter(None, (*parts, next_to_stable(subject))))
 
 
-def _row(subject: KnownVehicles, place: int, row: Row | None) -> StripRow:
+def _row(subject: AssessedVehicles, place: int, row: Row | None) -> StripRow:
     vehicles = subject.vehicles
     number = vehicles.vehicles[place + 1] if row is None else row.number
     # Where all followers share their parameters, the first of them stands for all.
@@ -147,7 +155,7 @@ def _row(subject: KnownVehicles, place: int, row: Row | None) -> StripRow:
     )
 
 
-def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
+def _time_gap(subject: AssessedVehicles, place: int, row: Row | None) -> Estimated:
     """The time gap at the speed that an estimate states, or at the highest of those."""
     if row is None:
         gap, speed = _gap_of(subject, place), SPEEDS[-1]
@@ -168,7 +176,7 @@ def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
     return Estimated(value.span, " ".join(said), is_extrapolated)
 
 
-def _gap_of(subject: KnownVehicles, place: int) -> Quantity:
+def _gap_of(subject: AssessedVehicles, place: int) -> Quantity:
     """The time gap of a vehicle of no result, or of several."""
     known, speed = subject.uncertainty, SPEEDS[-1]
     value = float(subject.vehicles.parameters[place].time_gap(speed))
@@ -178,7 +186,7 @@ def _gap_of(subject: KnownVehicles, place: int) -> Quantity:
     return Quantity(value, float(lower), float(upper))
 
 
-def _growth(subject: KnownVehicles, place: int) -> Estimated:
+def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     """The largest gain of a vehicle, and where disturbances grow most."""
     if not subject.has_report or subject.assessed[place] == "not determined":
         return Estimated(UNKNOWN, NOT_DETERMINED)
@@ -192,7 +200,7 @@ def _growth(subject: KnownVehicles, place: int) -> Estimated:
     )
 
 
-def _marks(subject: KnownVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:
+def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:
     """By L₂ and by the exact L∞ criterion."""
     known = subject.uncertainty
     if not subject.has_report:
@@ -200,8 +208,10 @@ def _marks(subject: KnownVehicles, place: int) -> tuple[StabilityMark, Stability
         return nothing, nothing
     vehicle = subject.report.vehicles[place]
 
-    def mark(name: str, verdict: Verdict, shares: FloatArray | None) -> StabilityMark:
-        why = reason(verdict, vehicle)
+    def mark(
+        name: str, verdict: Verdict, shares: FloatArray | None, margin: str = ""
+    ) -> StabilityMark:
+        why = f"{reason(verdict, vehicle)} {margin}".rstrip()
         if shares is None:
             said: Assessment = "stable" if verdict.stable else "unstable"
             return StabilityMark(said, True, f"{capital(verdict.word)} by these parameters. {why}")
@@ -212,10 +222,11 @@ def _marks(subject: KnownVehicles, place: int) -> tuple[StabilityMark, Stability
         return StabilityMark(assessment(share), False, f"{odds} {why}")
 
     l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
-    return mark("L₂", vehicle.l2, l2), mark("L∞", vehicle.linf_exact, linf)
+    margin = margin_in_words(subject.l2_margins[place])
+    return mark("L₂", vehicle.l2, l2, margin), mark("L∞", vehicle.linf_exact, linf)
 
 
-def _trust(subject: KnownVehicles, place: int, row: Row | None) -> TrustMark:
+def _trust(subject: AssessedVehicles, place: int, row: Row | None) -> TrustMark:
     found = [*_objections(subject, place, row)]
     sentences = [*dict.fromkeys(objection.sentence for objection in found)]
     brief = tuple(dict.fromkeys(objection.brief for objection in found))
@@ -227,7 +238,7 @@ def _trust(subject: KnownVehicles, place: int, row: Row | None) -> TrustMark:
     return TrustMark(True, (), row.trust.in_words)
 
 
-def _objections(subject: KnownVehicles, place: int, row: Row | None) -> Iterator[Objection]:
+def _objections(subject: AssessedVehicles, place: int, row: Row | None) -> Iterator[Objection]:
     """What is against the estimate of a vehicle, who drives it included."""
     vehicles = subject.vehicles
     if any(vehicles.by_hand) and vehicles.by_hand[place]:

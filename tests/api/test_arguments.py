@@ -93,6 +93,8 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "messages": {"findings": result().findings, "about": result().info},
         "methods_table": {"results": [result()], "follower": 0},
         "model_forms": {"segment": segment()},
+        "models_table": {"judgements": accpinn.Judgements(())},
+        "pairs_table": {"judgements": accpinn.Judgements(())},
         "parameter_card": {"snapshot": result()},
         "parameter_table": {"description": result()},
         "preset": {"name": "fast"},

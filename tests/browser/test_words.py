@@ -79,6 +79,9 @@ def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -
             open_tab(page, tab)
             idle(page)
             counts[tab] = counts[title][0], len(words(page))
+        if title == "Stability":
+            button(page, "What if").click()
+            counts["What if"] = len(words(page, is_fold=True)), len(words(page))
     go(page, "Snapshots")
     save = button(page, "Save", exact=True)
     save.wait_for()
@@ -131,7 +134,7 @@ def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
     page.get_by_role("tab", name="Numbers").wait_for(timeout=LONGEST_MS)
     count("methods", "compare_estimates")
     page.get_by_text("Car-following models", exact=True).click()
-    button(page, "Compare 4 models").click()
+    button(page, "Compare 5 models").click()
     button(page, "Use these models").wait_for(timeout=LONGEST_MS)
     count("models", "models_cars")
     go(page, "Database")
