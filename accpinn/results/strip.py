@@ -12,7 +12,12 @@ from accpinn.findings import capital, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import TITLES
 from accpinn.results.messages.estimate import time_gap_in_words
-from accpinn.results.messages.stability import becomes, reason
+from accpinn.results.messages.stability import (
+    becomes,
+    margin_in_words,
+    next_to_stable,
+    reason,
+)
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.naming import about_point, name_of
 from accpinn.results.objections import Objection, against_model, objections
@@ -94,7 +99,8 @@ class Strip:
     speed: MetresPerSecond
     """Speed at which the time gap is stated."""
     about: tuple[str, ...]
-    """Method, model, windows, Case, and what an estimate without intervals is."""
+    """Method, model, windows, Case, what an estimate without intervals is, and how much more time
+    gap string stability takes."""
 
     def of_places(self, places: Collection[int]) -> "Strip":
         """The strip of some of the vehicles alone, by their index; 0 for the first."""
@@ -120,8 +126,9 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
             trust = _trust(subject, k, describe(result).follower(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
-        about = (vehicles.title, *models, *([] if subject.uncertainty else [POINTS]))
-        return Strip(rows, leader, SPEEDS[-1], about)
+        point = "" if subject.uncertainty else POINTS
+        about = filter(None, (vehicles.title, *models, point, next_to_stable(subject)))
+        return Strip(rows, leader, SPEEDS[-1], tuple(about))
     description = description or describe(subject.result)
     rows = tuple(_row(subject, each.place, each) for each in description.followers)
     return Strip(rows, leader, description.estimate.stated_speed, _about(subject, description))
@@ -136,6 +143,7 @@ def _about(subject: AssessedVehicles, description: Description) -> tuple[str, ..
     parts = (
         name_of(estimate, with_model=False), TITLES[estimate.model], linear,
         f"{windows}, {seconds:,.0f} s", case, about_point(estimate),
+        next_to_stable(subject),
     )  # fmt: skip
     return tuple(filter(None, parts))
 
@@ -195,17 +203,17 @@ def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, Stabil
         nothing = StabilityMark("not determined", is_point, NOT_DETERMINED)
         return nothing, nothing
 
-    def mark(name: str, norm: NormAssessment, verdict: Verdict) -> StabilityMark:
+    def mark(name: str, norm: NormAssessment, verdict: Verdict, margin: str = "") -> StabilityMark:
         if norm.assessment == "not determined":
             return StabilityMark(norm.assessment, is_point, NOT_DETERMINED)
         basis = f"{capital(verdict.word)} by these parameters."
         if norm.probability is not None:
             basis = f"Probability of {name} string stability: {probability(norm.probability)}."
-        why = f"{basis} {reason(verdict, stability)}"
+        why = f"{basis} {reason(verdict, stability)} {margin}".rstrip()
         return StabilityMark(norm.assessment, is_point, why)
 
     return (
-        mark("L₂", assessed.l2, stability.l2),
+        mark("L₂", assessed.l2, stability.l2, margin_in_words(subject.l2_margins[place])),
         mark("L∞", assessed.linf, stability.linf_exact),
     )
 

@@ -17,7 +17,7 @@ from accpinn.methods.joint_likelihood import disturbance_sizes
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.segment import SegmentInfo
-from accpinn.stability.margin import VehicleMargin
+from accpinn.stability.margin import NormMargin
 from accpinn.study.result import Result
 from accpinn.study.vehicles import AssessedVehicle, AssessedVehicles, assessed_vehicles
 from accpinn.units import MetresPerSecond, Quantity
@@ -139,9 +139,9 @@ class FollowerDescription:
         return self.vehicles.assessed[self.place]
 
     @property
-    def margin(self) -> VehicleMargin:
-        """The time gap that separates it from string stability."""
-        return self.vehicles.margins.vehicles[self.place]
+    def margin(self) -> NormMargin:
+        """The time gap that separates it from L₂ string stability."""
+        return self.vehicles.l2_margins[self.place]
 
     @property
     def disturbance(self) -> Finding | None:

@@ -78,6 +78,7 @@ def rows_of(
         "outcome": estimate.outcome.name.lower(),
         "seconds": estimate.seconds,
     }
+    lacking = description.vehicles.l2_margins
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
@@ -110,6 +111,10 @@ def rows_of(
             "surrogate_mae": _gap_error(evaluation.surrogate, k),
             "closed_loop_mae": _gap_error(evaluation.closed_loop, k),
             "collision_time": collisions[k],
+            **{
+                f"margin_l2{ending}": getattr(lacking[k].distance, name)
+                for ending, name in (("", "value"), ("_low", "lower"), ("_high", "upper"))
+            },
         }
         for ending, values in (
             ("", estimate.parameters[k].values),
