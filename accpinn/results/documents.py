@@ -318,6 +318,7 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
                     "median": group.mean_time_gap.value,
                     "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
                 },
+                "margin_l2": _quantity(group.margin),
                 "l2_stable": _quantity(group.l2_stable),
                 "linf_stable": _quantity(group.linf_stable),
             }

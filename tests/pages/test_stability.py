@@ -175,7 +175,7 @@ def test_every_new_training_turns_to_the_current_estimate() -> None:
     session.choose_source("published")
     session.training = Task(session.id, "training", lambda _: iter(()))  # waits
     assert headline(open_page("Stability", session)).startswith("Published"), "as it was asked for"
-    train_at_once(session)
+    train_at_once(session, seconds=1.0)
     assert session.parameter_source == "estimate"
     session.choose_source("published")
     open_page("Train", session).press("train_next")
