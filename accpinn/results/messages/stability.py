@@ -18,7 +18,7 @@ from accpinn.stability import (
     Verdict,
 )
 from accpinn.stability.margin import NormMargin, State
-from accpinn.stability.waves import USUAL, Waves
+from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
@@ -164,14 +164,13 @@ def about_margin(subject: AssessedVehicles) -> str:
 
 def waves_in_words(found: Waves) -> str:
     """How much the two directions of a wave grow by the vehicle that amplifies most."""
-    rows = [(name, vehicle, min(USUAL, float(vehicle.amplitude[-1])))
-            for name, vehicle in zip(found.names, found.vehicles, strict=True)]  # fmt: skip
-    grow = [(max(vehicle.at(size)), name, vehicle.at(size), size) for name, vehicle, size in rows]
-    grow = [row for row in grow if not isnan(row[0])]
-    if not grow:
+    pairs = zip(found.names, found.vehicles, strict=True)
+    grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
+    judged = [row for row in grow if not isnan(row[0] + row[1])]
+    if not judged:
         return "No steady wave is found."
-    _, name, (braking, accelerating), size = max(grow)
-    most = " most" if len(rows) > 1 else ""
+    braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
+    most = " most" if len(grow) > 1 else ""
     return (
         f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
         f" an accelerating one {grown(accelerating)}."
@@ -180,8 +179,9 @@ def waves_in_words(found: Waves) -> str:
 
 WAVES = (
     "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
-    " follower's steady motion, at the frequency at which it is largest: of the deviation below the"
-    " mean speed (braking) and above it (accelerating). At size 0: the peak of |H|."
+    " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
+    " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
+    " peak of |H|."
 )
 """What the growth of waves is."""
 MARGIN = (

@@ -299,7 +299,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     yield Picture("map", with_legend(chart), about)
     if waves := subject.waves:
         said = [on_stability.waves_in_words(waves), "Solid: braking waves; dashed: accelerating."]
-        chart = with_legend(control.growth_by_size(subject, waves))
+        chart = with_legend(control.growth_by_frequency(subject, waves))
         yield Picture("waves", chart, " ".join([*said, on_stability.WAVES]))
 
 
