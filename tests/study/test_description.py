@@ -1,7 +1,7 @@
 """A result has one time gap, growth, verdict and margin, wherever they are shown."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from accpinn import save
+from accpinn.model.cthp import Parameters
 from accpinn.recordings import Window
 from accpinn.results.documents import answer_document, describe_fit, parameter_card
 from accpinn.results.messages.estimate import cards, time_gap_in_words
@@ -132,3 +133,15 @@ def test_a_result_has_the_same_numbers_wherever_they_are_shown(
                 ],
             }
         )
+
+
+def test_a_delay_at_its_least_value_is_an_end_of_its_interval_everywhere() -> None:
+    result = recommended()
+    least = result.parameters.everything.copy()
+    least[:, 5] = 0.01  # below all draws of the delay
+    at_least = replace(result, estimate=replace(result.estimate, parameters=Parameters.of(least)))
+    span, drawn = at_least.estimate.span("delay", 0), at_least.uncertainty
+    assert drawn is not None
+    assert (span.value, span.lower, drawn.lower.delay[0]) == (0.01, 0.01, 0.01)
+    document = answer_document(at_least)[0]["intervals"]["delay"]
+    assert document == [span.lower, float(drawn.upper.delay[0])]
