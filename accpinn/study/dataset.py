@@ -114,7 +114,7 @@ class Dataset:
             for name in ("rmse", "mae", "collided")
         }
         off = [score.gain_error for score in scores if np.isfinite(score.gain_error)]
-        gain, margin = self.gains.get(part.values, NOT_MEASURED), part.margin
+        gain, margin = self.gains.get(part.values, NOT_MEASURED), part.margins
         is_here = self.rows[list(BY)].fillna("").to_numpy() == np.array(part.values, object)
         places = self.rows[is_here.all(axis=1)]
         return {

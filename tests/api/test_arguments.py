@@ -132,6 +132,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "ModelSpec.of": (accpinn.ModelSpec.of, {"model": "cthp"}),
         "Analysis.of": (accpinn.Analysis.of, {"recording": recording()}),
         "Result.to_frame": (result().to_frame, {}),
+        "Result.measured_growth": (result().measured_growth, {}),
         "Result.frequency_response": (result().frequency_response, {"omega": [0.1]}),
         "Result.with_data": (result().with_data, {"recording": recording()}),
         "Estimate.span": (result().estimate.span, {"name": "alpha", "follower": 0}),

@@ -92,7 +92,7 @@ def test_every_column_is_described_and_both_formats_hold_the_same(made: Path) ->
     assert all(part.meaning for part in described)
     stored = parquet.read_table(made / "parameters.parquet")
     assert stored.schema.field("beta").metadata[b"unit"] == b"1/s"
-    same = stored.to_pandas().fillna(""), table.fillna("")
+    same = (frame.drop(columns="campaigns") for frame in (stored.to_pandas(), table))
     pd.testing.assert_frame_equal(*same, check_dtype=False)
     sheet = (made / "README.md").read_text()
     assert all(
