@@ -7,11 +7,9 @@ from contextlib import contextmanager
 from accpinn.inference import population, posterior, typical, window_posterior
 from accpinn.methods.pinn import training
 
-Draws = tuple[tuple[int, ...], int, int, int, int]
-USERS: Draws = (
-    posterior.STAGES, posterior.FURTHER, population.CHAINS, population.BURN, population.KEPT,
-)  # fmt: skip
-FEW: Draws = ((60, 60, 100), 0, 10, 8, 20)
+Draws = tuple[tuple[int, ...], int, int, int]
+USERS: Draws = (posterior.STAGES, posterior.FURTHER, population.BURN, population.KEPT)
+FEW: Draws = ((60, 60, 100), 0, 8, 20)
 PRELOAD = "DASK_DISTRIBUTED__WORKER__PRELOAD"
 """The variable that names a module whose `dask_setup` the workers of a batch call first."""
 
@@ -23,8 +21,7 @@ def take(draws: Draws) -> Draws:
     """From now on, in place of those returned; what was kept of another number counts no more."""
     global taken
     before, taken = taken, draws
-    posterior.STAGES, posterior.FURTHER, chains, population.BURN, kept = draws
-    population.CHAINS = typical.CHAINS = chains
+    posterior.STAGES, posterior.FURTHER, population.BURN, kept = draws
     population.KEPT = typical.KEPT = kept
     if draws == FEW:
         os.environ[PRELOAD] = "tests.support.draws"
