@@ -20,7 +20,8 @@ from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.figures.training import SIMULATION
 from accpinn.results.glossary import MEANINGS
-from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
+from accpinn.results.messages.estimate import about_truth, cards
+from accpinn.results.naming import PAPERS_POINT
 from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
