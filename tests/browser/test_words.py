@@ -13,7 +13,17 @@ from playwright.sync_api import Page, expect
 
 from accpinn.study.snapshot_library import Library
 from tests.browser.conftest import App, Open
-from tests.browser.running import TRAINING_MS, button, chart, go, idle, open_tab, upload, words
+from tests.browser.running import (
+    TRAINING_MS,
+    button,
+    chart,
+    choose,
+    go,
+    idle,
+    open_tab,
+    upload,
+    words,
+)
 from tests.support.openacc_files import csv, metadata
 from tests.support.samples import FOLDER, PLATOON
 
@@ -156,6 +166,23 @@ def test_the_reproduced_paper_holds_few_words(opened: Open, app: App) -> None:
             everything.click()
             button(page, "Stop").wait_for()
             everything.wait_for(timeout=LONGEST_MS)
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    print(counts)
+    require_few(counts)
+
+
+def test_waves_by_a_model_of_either_direction_hold_few_words(opened: Open) -> None:
+    page = opened("/Stability")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    button(page, "Open a published example").click()
+    page.get_by_text("By hand", exact=True).click()
+    button(page, "Parameters").click()
+    choose(page, "Model", "CTHP with unequal gains and delay")
+    page.keyboard.press("Escape")
+    open_tab(page, "Waves")
+    for key in ("stability_waves", "stability_waves_size"):
+        chart(page, key)
+    counts = {"waves": (len(words(page, is_fold=True)), len(words(page)))}
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(counts)
     require_few(counts)
