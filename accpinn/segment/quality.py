@@ -252,8 +252,8 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
         return Regimes(codes, (False,) * segment.followers, measured=measured)
     modes = _modes(segment, recording)
     codes[(modes == Mode.HUMAN).any(axis=0)] = MANUAL
-    known = (modes != Mode.UNKNOWN).any(axis=(0, 1))
-    return Regimes(codes, tuple(known.tolist()), measured=measured)
+    has_modes = (modes != Mode.UNKNOWN).any(axis=(0, 1))
+    return Regimes(codes, tuple(has_modes.tolist()), measured=measured)
 
 
 def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -262,13 +262,13 @@ def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
     Raises:
         SegmentError: for a name that is not known.
     """
-    known = {spelt: name for name in EXCLUDABLE for spelt in (name, as_typed(name))}
+    spellings = {spelt: name for name in EXCLUDABLE for spelt in (name, as_typed(name))}
     chosen = [part.strip() for part in (names.split(",") if isinstance(names, str) else names)]
     for part in chosen:
-        if part not in known:
+        if part not in spellings:
             listed = ", ".join(map(as_typed, EXCLUDABLE))
             raise SegmentError(f'"{part[:40]}" cannot be excluded; choose from {listed}.')
-    return tuple(known[part] for part in chosen)
+    return tuple(spellings[part] for part in chosen)
 
 
 def as_typed(name: str) -> str:

@@ -157,10 +157,10 @@ class Margins(Displayed):
                 "speed": float(self.speed[k]),
                 **_columns("time_gap", vehicle.time_gap),
             }
-            for norm, one in (("l2", vehicle.l2), ("linf", vehicle.linf)):
-                row |= _columns(f"smallest_{norm}", one.smallest)
-                row |= _columns(f"margin_{norm}", one.distance)
-                row[f"state_{norm}"] = one.state.name.lower()
+            for norm, margin in (("l2", vehicle.l2), ("linf", vehicle.linf)):
+                row |= _columns(f"smallest_{norm}", margin.smallest)
+                row |= _columns(f"margin_{norm}", margin.distance)
+                row[f"state_{norm}"] = margin.state.name.lower()
             rows.append(row)
         return DataFrame(rows)
 
@@ -218,7 +218,7 @@ def _of_lagged(parameters: Parameters) -> Headways:
 
 
 def _of_delayed(parameters: Parameters) -> Headways:
-    """With a delay: between which C = ατ + β no frequency is amplified."""
+    """Headways of vehicles with a delay: no frequency is amplified between two C = ατ + β."""
     alpha, beta, lag, delay = _columns_of(parameters)
     omega = np.sort(_grid(alpha, beta, delay), axis=1)
 
@@ -346,10 +346,10 @@ def linf_headways(parameters: Parameters, l2: Headways) -> FloatArray:
 def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
     """(V,) the same of vehicles with a lag or a delay, between their L₂ stable headways."""
     begin, end = l2
-    found = np.full(len(begin), np.inf)
+    smallest = np.full(len(begin), np.inf)
     open_rows = np.flatnonzero(np.isfinite(begin) & (parameters.beta >= 0))
     if not open_rows.size:
-        return found
+        return smallest
     low, low_value = begin.copy(), np.full(len(begin), np.nan)
     high, high_value = np.full((2, len(begin)), np.nan)
     rows, below = open_rows, begin
@@ -365,10 +365,10 @@ def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
         low[rows[~stable]], low_value[rows[~stable]] = tau[~stable], value[~stable]
         rows = rows[~stable]
     at_once = open_rows[np.isnan(low_value[open_rows]) & np.isfinite(high[open_rows])]
-    found[at_once] = below[at_once]  # L₂ is what binds
+    smallest[at_once] = below[at_once]  # L₂ is what binds
     rows = open_rows[np.isfinite(low_value[open_rows]) & np.isfinite(high[open_rows])]
     if not rows.size:
-        return found
+        return smallest
     a, b, fa, fb = low[rows], high[rows], low_value[rows], high_value[rows]
     for _ in range(SECANTS):
         share = np.clip(fa / (fa - fb), 0.05, 0.95)
@@ -378,8 +378,8 @@ def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
         # By the Illinois rule: the value of an end that stays twice is halved.
         fb, fa = np.where(stable, value, 0.5 * fb), np.where(stable, 0.5 * fa, value)
         b, a = np.where(stable, tau, b), np.where(stable, a, tau)
-    found[rows] = b
-    return found
+    smallest[rows] = b
+    return smallest
 
 
 def _excess(parameters: Parameters, tau: FloatArray) -> FloatArray:
@@ -441,8 +441,8 @@ def _margins(
             )
         vehicles.append(VehicleMargin(gap, *norms))
     platoon = _platoon(parameters, draws, level)
-    known_level = None if draws is None else level
-    return Margins(speeds, known_level, tuple(vehicles), platoon, names, numbers)
+    level_of_draws = None if draws is None else level
+    return Margins(speeds, level_of_draws, tuple(vehicles), platoon, names, numbers)
 
 
 def _platoon(parameters: Parameters, draws: Parameters | None, level: float) -> Quantity | None:
@@ -452,9 +452,9 @@ def _platoon(parameters: Parameters, draws: Parameters | None, level: float) -> 
     ends = (nan, nan)
     if draws is not None:
         thin = _thinned(draws)
-        known = np.isfinite(thin.alpha).all(axis=1)
-        if 2 * known.sum() > len(known):
-            ends = _ends(_platoon_distance(_independent(thin[known])), level)
+        finite = np.isfinite(thin.alpha).all(axis=1)
+        if 2 * finite.sum() > len(finite):
+            ends = _ends(_platoon_distance(_independent(thin[finite])), level)
     return Quantity(float(_platoon_distance(parameters[None])[0]), *ends)
 
 
@@ -508,8 +508,8 @@ def _norm(parameters: Parameters, smallest: FloatArray, largest: FloatArray) -> 
         distance = np.where(parameters.tau > largest, -np.inf, parameters.tau - smallest)
     bare = np.where(np.isfinite(smallest), np.inf, -np.inf)
     distance = np.where(parameters.alpha == 0, bare, distance)
-    known = np.isfinite(parameters.alpha)
-    return np.where(known, smallest, np.nan), np.where(known, distance, np.nan), parameters.s0
+    finite = np.isfinite(parameters.alpha)
+    return np.where(finite, smallest, np.nan), np.where(finite, distance, np.nan), parameters.s0
 
 
 def _thinned(draws: Parameters) -> Parameters:

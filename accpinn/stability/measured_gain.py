@@ -113,8 +113,10 @@ def measured_gain(
         for part in segments
         for stretch in stretches(_complete(part, follower))
     ]
-    length = _piece_length([len(pair) - 1 for pair in usable], step)
-    # A stretch of N speeds has N - 1 differences.
+    # A stretch of N speeds has N - 1 differences, a piece an even number of them.
+    lengths = [len(pair) - 1 for pair in usable]
+    wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
+    length = 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
     counted = [(2 * (len(pair) - 1) // length - 1, pair) for pair in usable if len(pair) > length]
     counts = [count for count, _ in counted]
     if sum(counts) < LEAST_PIECES:
@@ -125,8 +127,8 @@ def measured_gain(
         )
     parts = [count * _densities(pair, length) for count, pair in counted]
     omega = 2.0 * np.pi * np.fft.rfftfreq(length, step)
-    kept = (omega > 0) & (omega <= FASTEST)
-    ahead, behind, cross = np.sum(parts, axis=0)[:, kept]
+    used = (omega > 0) & (omega <= FASTEST)
+    ahead, behind, cross = np.sum(parts, axis=0)[:, used]
     averages = sum(_independent(count, length) for count in counts)
     moving = (ahead.real > 0) & (behind.real > 0)
     gain = np.abs(cross) / np.where(moving, ahead.real, np.inf)
@@ -136,7 +138,7 @@ def measured_gain(
         error = np.sqrt((1.0 - coherence) / coherence / freedom)
         factor = np.exp(stdtrit(freedom, 0.5 + level / 2.0) * error)
     return MeasuredGain(
-        omega=frozen(omega[kept]),
+        omega=frozen(omega[used]),
         gain=frozen(gain),
         lower=frozen(gain / factor),
         upper=frozen(np.where(gain > 0, gain, 1.0) * factor),
@@ -157,12 +159,6 @@ def _complete(segment: Segment, follower: int) -> Mask:
         for gone in stretches(segment.missing[:, follower : follower + 2].any(axis=1)):
             complete[gone.rows] = len(gone) <= longest + 0.5
     return complete if segment.mask is None else complete & segment.mask[:, follower]
-
-
-def _piece_length(lengths: Sequence[int], step: Seconds) -> int:
-    """Samples of a piece, an even number, for stretches with so many differences."""
-    wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
-    return 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
 
 
 def _densities(pair: FloatArray, length: int) -> NDArray[np.complex128]:

@@ -175,6 +175,6 @@ def _bisected(
         middle = (out + stable_end) / 2.0
         stable = is_stable(x, middle)
         out, stable_end = np.where(stable, out, middle), np.where(stable, middle, stable_end)
-    found = inside.copy()
-    found[rows] = stable_end
-    return found
+    ends = inside.copy()
+    ends[rows] = stable_end
+    return ends

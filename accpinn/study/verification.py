@@ -35,7 +35,6 @@ from accpinn.methods.estimate import (
 )
 from accpinn.methods.joint_likelihood import UNKNOWNS
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Recording, facts_of
 from accpinn.segment import SegmentInfo, WindowMoved, WindowShortened
 from accpinn.segment.cut import MAX_FOLLOWERS
@@ -341,8 +340,8 @@ def _refit(subject: Result, name: str, context: TaskContext | None) -> list[Chec
     if context and context.is_stopped:
         return [Check("estimate", "not checked", method=name, reason="it was stopped")]
     before, after = (
-        replace(found, findings=_lasting(found), posterior=None)
-        for found in (subject.estimate, again)
+        replace(point, findings=_lasting(point), posterior=None)
+        for point in (subject.estimate, again)
     )
     first = _compare("estimate", before, after, name, relative=SOLVED)
     if not first.ok and method.tolerance > SOLVED:
@@ -373,13 +372,20 @@ def _iterated(subject: Result, again: Estimate, name: str) -> Check:
         return _compare("estimate", old, new, name, relative=relative, absolute=absolute)
 
     kinds, anew = ([type(f).__name__ for f in _lasting(e)] for e in (stored, again))
+    redraw = METHODS[subject.analysis.method].redraw
+    redrawn = tuple(
+        redraw(stored, k, segment.time, float(segment.time[-1]))
+        if redraw and not segment.blocks_missing
+        else curves
+        for k, (segment, curves) in enumerate(zip(subject.segments, stored.curves, strict=True))
+    )
     checks = [
         part(EVERYWHERE, SOLVED),
         _compare("estimate", kinds, anew, name),
         part(("parameters",), tolerance),
         part(("windows", "unconstrained", "loss"), CURVES),
         part(("curves",), tolerance, CURVES),
-        _compare("estimate", _drawn(subject), stored.curves, name, absolute=CURVES),
+        _compare("estimate", redrawn, stored.curves, name, absolute=CURVES),
         _compare(
             "estimate",
             _disturbances(stored),
@@ -393,21 +399,10 @@ def _iterated(subject: Result, again: Estimate, name: str) -> Check:
     return replace(next((c for c in checks if not c.ok), checks[0]), numbers=total)
 
 
-def _drawn(subject: Result) -> tuple[Trajectories, ...]:
-    """The curves of each window from the stored weights; as stored where there are none."""
-    redraw, found = METHODS[subject.analysis.method].redraw, subject.estimate
-    return tuple(
-        redraw(found, k, segment.time, float(segment.time[-1]))
-        if redraw and not segment.blocks_missing
-        else curves
-        for k, (segment, curves) in enumerate(zip(subject.segments, found.curves, strict=True))
-    )
-
-
 def _disturbances(estimate: Estimate) -> dict[str, FloatArray]:
-    """What the likelihood says of disturbances and noise; empty for a method without."""
-    of = (UNKNOWNS, "disturbance")
-    return {n: array for n, array in estimate.arrays.items() if n.rpartition(".")[2] in of}
+    """Disturbances and noise by the likelihood; empty for a method without one."""
+    names = (UNKNOWNS, "disturbance")
+    return {n: array for n, array in estimate.arrays.items() if n.rpartition(".")[2] in names}
 
 
 def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
@@ -429,19 +424,20 @@ def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
     return Check("posterior", "reproduced", True, name, numbers=exact.numbers)
 
 
-def _ends(known: Posterior) -> FloatArray:
+def _ends(posterior: Posterior) -> FloatArray:
     """(2, ..) ends of all intervals that a posterior gives."""
-    every: list[tuple[FloatArray, FloatArray]] = [
-        *(interval_ends(part.everything, known.level) for part in (known.typical, known.further)),
-        (known.windows_lower.everything, known.windows_upper.everything),
-        (known.windows_gap[0], known.windows_gap[1]),
+    draws = posterior.typical, posterior.further
+    intervals: list[tuple[FloatArray, FloatArray]] = [
+        *(interval_ends(sets.everything, posterior.level) for sets in draws),
+        (posterior.windows_lower.everything, posterior.windows_upper.everything),
+        (posterior.windows_gap[0], posterior.windows_gap[1]),
     ]
-    return np.array([np.concatenate([np.ravel(pair[end]) for pair in every]) for end in (0, 1)])
+    return np.array([np.concatenate([np.ravel(pair[end]) for pair in intervals]) for end in (0, 1)])
 
 
-def _counts(known: Posterior) -> FloatArray:
-    """What it says of its draws, and of whether windows and followers differ."""
-    return np.array([*known.differ, *known.draws, known.followers_differ])
+def _counts(posterior: Posterior) -> FloatArray:
+    """Effective draws, and the probabilities that windows and followers differ."""
+    return np.array([*posterior.differ, *posterior.draws, posterior.followers_differ])
 
 
 def _compare(
