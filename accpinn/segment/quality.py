@@ -307,7 +307,14 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
         findings=(*segment.findings, finding),
     )
-    _refuse_too_little(part, chosen)
+    left = part.counts.sum(axis=0) * segment.sample_time
+    worst = int(left.argmin())
+    if left[worst] < MINIMUM_DURATION:
+        raise SegmentError(
+            f"{segment.source}: without {' and '.join(chosen)} only {left[worst]:.1f} s of"
+            f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
+            " less, or take other vehicles or another window."
+        )
     return part
 
 
@@ -328,18 +335,6 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
     rows = np.stack([before, after]).clip(0, recording.samples - 1)
     followers = np.array(segment.vehicles[1:]) - 1
     return np.asarray(recording.mode[rows][:, :, followers])
-
-
-def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
-    """Refuse a mask that leaves less of a follower than the shortest window."""
-    left = segment.counts.sum(axis=0) * segment.sample_time
-    worst = int(left.argmin())
-    if left[worst] < MINIMUM_DURATION:
-        raise SegmentError(
-            f"{segment.source}: without {' and '.join(chosen)} only {left[worst]:.1f} s of"
-            f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
-            " less, or take other vehicles or another window."
-        )
 
 
 # Grades of a window, before anything is estimated from it
@@ -379,11 +374,13 @@ class Rating:
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
     """All ratings of a window of a recording, in the order of the questions."""
-    ahead, followers = segment.vehicles[:-1], np.array(segment.vehicles[1:]) - 1
+    columns, ahead = np.array(segment.vehicles) - 1, segment.vehicles[:-1]
     rows = recording.rows(segment.window)
     frozen, is_frozen = frozen_values(recording, segment.vehicles, rows)
     missing = (*_of(segment.findings, BlocksMissing | Bridged), *frozen)
-    measured = 1.0 - float((is_frozen | _is_missing(segment, recording, rows)).mean())
+    speeds, gaps = recording.speed[rows][:, columns], recording.gap[rows][:, columns[:-1]]
+    is_missing = np.isnan(speeds).any(axis=1) | np.isnan(gaps).any(axis=1)
+    measured = 1.0 - float((is_frozen | is_missing).mean())
     is_incomplete = bool(segment.blocks_missing) or float(is_frozen.mean()) > MOST_FROZEN
     still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     elsewhere = _of(quality.findings, LittleCarFollowing)
@@ -391,7 +388,7 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     unlike = [f for f in segment.findings if isinstance(f, Inconsistency)]
     wrong = (*unlike, *_of(quality.findings, GapsNegative))
     is_wrong = any(f.is_contradiction for f in unlike) or len(wrong) > len(unlike)
-    modes = recording.mode[rows, followers]
+    modes = recording.mode[rows, columns[1:]]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
     share = nan if no_mode else float((modes == Mode.ACC).mean(axis=0).min())
     agreements = [agreement(recording.pair(number, rows)) for number in ahead]
@@ -415,13 +412,6 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
             min(agreed, default=nan),
         ),
     )
-
-
-def _is_missing(segment: Segment, recording: Recording, rows: slice) -> Mask:
-    """(N,) where a speed or a gap of the segment's vehicles has no sample in the recording."""
-    speeds = recording.speed[rows][:, [number - 1 for number in segment.vehicles]]
-    gaps = recording.gap[rows][:, [number - 1 for number in segment.vehicles[:-1]]]
-    return np.asarray(np.isnan(speeds).any(axis=1) | np.isnan(gaps).any(axis=1))
 
 
 def _grade(is_poor: bool, is_fair: bool = False, is_unknown: bool = False) -> Grade:
