@@ -1,4 +1,4 @@
-"""From a recording to parameters, their uncertainty, string stability and files, in one call.
+"""Public functions: parameters, uncertainty, string stability and files of a recording in one call.
 
 import accpinn
 

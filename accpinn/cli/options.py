@@ -87,7 +87,7 @@ RUN = (
     option("--no-cache", action="store_true", help="neither read nor store results"),
     JSON,
 )
-"""How estimations run and how the result is printed."""
+"""Options of running an estimation and of printing the result."""
 METHODS_HELP = "\n".join(
     ["methods:", *(f"  {key:<16} {method.summary}" for key, method in METHODS.items())]
 )

@@ -116,7 +116,7 @@ class Method:
     """Whether, with settings as JSON, blocks of samples may be missing for longer than a straight
     line may bridge."""
     duration: Callable[[Segments, Any], Seconds] | None = None
-    """How long it takes on windows with settings, where that depends on these."""
+    """Typical time on windows with settings, where it depends on these."""
     phases: Callable[[Segments, Any, ModelSpec], Mapping[str, Phase]] | None = None
     """Its phases by name on windows with settings and a model, in their order; None where it tells
     no progress."""

@@ -1,4 +1,4 @@
-"""How long an estimation still takes, whose phases follow each other, and when to draw its curves.
+"""Time left of an estimation in several phases, and the pace at which its curves are drawn.
 
 A phase that is under way goes on as it did. Phases that follow take their typical time, which is
 that of a reference computer, times how much slower the phases so far were than on that.

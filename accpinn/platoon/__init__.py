@@ -113,7 +113,7 @@ class TooShort(Finding, frozen=True):
 
     period: Seconds
     duration: Seconds
-    """That would be enough."""
+    """Duration that is enough, in s."""
 
 
 class TransientLeft(Finding, frozen=True):
@@ -127,7 +127,7 @@ class TransientLeft(Finding, frozen=True):
 
     follower: int
     duration: Seconds
-    """That would be enough."""
+    """Duration that is enough, in s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class PlatoonRun:
     findings: tuple[Finding, ...]
     """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
     linear: Trajectories | None = None
-    """What the linearisation at the leader's first speed does; None for a model that is linear."""
+    """Motion of the linearisation at the leader's first speed; None for a model that is linear."""
 
     @cached_property
     def valid(self) -> Trajectories:

@@ -1,4 +1,4 @@
-"""How a file becomes a recording: an OpenACC run, a table of pairs, or any other table.
+"""Reading a file as a recording: an OpenACC run, a table of pairs, or any other table.
 
     read -> source.py, containers.py    bytes, unpacked to CSV text
          -> table_layout.py, tables.py  rows and columns by name

@@ -122,7 +122,7 @@ def _identifier(pair: Columns, column: str) -> str:
 
 
 def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple[int, int]]:
-    """By pair ahead: the pair behind, and the sample of the first at which the second begins.
+    """The pair behind each pair, and the sample of the pair ahead at which it begins.
 
     A pair has one pair behind and one ahead at most: those with the longest time in common.
     """

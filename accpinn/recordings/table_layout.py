@@ -1,4 +1,4 @@
-"""How a table is written: separator, decimal mark, and the rows of names, units and data.
+"""Layout of a table: separator, decimal mark, and the rows of names, units and data.
 
 A table is rows of cells, one below the other, all as wide as its data. Above them may stand
 metadata, a row of column names and a row of units; comments and repeated column names between the
@@ -47,7 +47,7 @@ _INSTANT = re.compile(r"[\dT:.,/+\-Z ]*\d[:/\-.]\d[\dT:.,/+\-Z ]*( ?[AaPp][Mm])?
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is written, and its first rows."""
+    """Layout of a table, and its first rows."""
 
     names: tuple[str, ...]
     """Names of all columns, in their order, all different; "column 3" where there is none, and

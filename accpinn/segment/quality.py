@@ -130,7 +130,7 @@ class GapsNegative(Finding, frozen=True):
 
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
-    """How many instants of each."""
+    """Number of instants of each."""
 
 
 QualityFinding = LittleLeaderMotion | NearEquilibrium | LittleCarFollowing | GapsNegative
@@ -361,8 +361,7 @@ class Rating:
     findings: tuple[Finding, ...] = ()
     """Findings that say why it is not good."""
     figure: float = nan
-    """What the answer counts; of several followers that of the worst. It is nan where it is not
-    known:
+    """The figure behind the answer, of several followers that of the worst; nan where unknown:
 
         complete      share of instants at which every speed and gap was measured
         excited       condition number

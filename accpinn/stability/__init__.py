@@ -111,7 +111,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """As in "L₂ string stability: unstable"."""
+        """The verdict in one word, as in "L₂ string stability: unstable"."""
         return ("stable" if self.stable else "unstable") + " (marginal)" * self.marginal
 
 

@@ -1,4 +1,4 @@
-"""How much time gap separates vehicles from the boundary of string stability.
+"""Margins of string stability: the time gap between vehicles and the boundary.
 
 With all else of a vehicle kept, the smallest stable τ and the time gap that it makes at a speed are
 
@@ -72,7 +72,7 @@ THINNED = 200
 CHANGES = np.array([-4, -2, -1.5, -1, -0.7, -0.4, -0.2, 0, 0.2, 0.4, 0.7, 1, 1.5, 2, 3, 5, 8, 15.0])
 """Changes of all time gaps in s between which that of a platoon is looked for."""
 HALVINGS = 14
-"""Of such an interval: to a ten-thousandth of it."""
+"""Number of halvings of such an interval: to a ten-thousandth of it."""
 SLOWEST = 1e-6
 """Least frequency of a vehicle in rad/s that is taken, where none reacts."""
 ALONG = 120
@@ -80,7 +80,7 @@ ALONG = 120
 
 
 class State(Enum):
-    """Where a vehicle is, by one norm."""
+    """State of a vehicle, by one norm."""
 
     STABLE = "stable"
     TOO_SHORT = "needs a larger time gap"
@@ -115,7 +115,7 @@ class VehicleMargin:
 
 @dataclass(frozen=True, eq=False)
 class Margins(Displayed):
-    """How far vehicles are from the boundary of string stability at a speed, as time gaps."""
+    """Distances of vehicles from the boundary of string stability at a speed, as time gaps."""
 
     speed: FloatArray
     """(M,) in m/s, at which the time gaps are taken."""
@@ -123,7 +123,7 @@ class Margins(Displayed):
     """Level of the intervals, whose ends are nan for a point without draws."""
     vehicles: tuple[VehicleMargin, ...]
     platoon: Quantity | None = None
-    """By how much all time gaps could be smaller with no frequency larger at the last follower than
+    """Largest reduction of all time gaps with no frequency larger at the last follower than
     at the leader, in s; negative where they need to be larger. None of a single vehicle."""
     names: tuple[str, ...] = field(default=())
     """(M,) of the vehicles, where they have any."""

@@ -48,12 +48,12 @@ SAMPLES = 1600
 SETTLING: tuple[Seconds, Seconds] = (12.0, 600.0)
 """Least and greatest length of the response in which settling is looked for."""
 TIME_CONSTANTS = 8.0
-"""Of the slowest pole, after which it has settled."""
+"""Time constants of the slowest pole after which a vehicle has settled."""
 
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """How a vehicle's speed answers a unit step, and a unit impulse, of the speed ahead."""
+    """Response of a vehicle's speed to a unit step, and a unit impulse, of the speed ahead."""
 
     time: FloatArray
     """(N,) in s."""

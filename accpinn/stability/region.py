@@ -1,4 +1,4 @@
-"""Where a vehicle would be string stable if two of its parameters were others.
+"""Region of string stability of a vehicle in a plane of two of its parameters.
 
 A plane has two of α, β, τ on its axes and keeps the third, the lag and the delay of a vehicle; s₀
 shifts the gap alone and decides nothing. Along each column of it the stable values are one
@@ -61,7 +61,7 @@ class Region:
     """(K,) values across, above zero."""
     l2: Limits
     paper: Limits
-    """By the paper's L∞ criterion, which knows no lag or delay."""
+    """Limits by the paper's L∞ criterion, which knows no lag or delay."""
     linf: Limits
     """By the exact criterion."""
 

@@ -64,7 +64,7 @@ OTHER_MAPPING = (
 
 @dataclass
 class BatchProgress:
-    """How far a batch has got, and at its end what it has come to."""
+    """Progress of a batch, and at its end the counts of its results."""
 
     files: int = 0
     done: float = 0.0
@@ -194,12 +194,12 @@ class WindowJob:
     mode_sources: tuple[str, ...]
     """(M,) as `plan` gives them."""
     recording: dict[str, Any]
-    """What rows say of the recording."""
+    """Columns of the recording, the same in all rows."""
     segment: Segment
     fraction: float = 0.0
     """Its share of what is left to do of its file."""
     script: Script | None = None
-    """What registers the model; None for a model of the package."""
+    """Script that registers the model; None for a model of the package."""
 
 
 def answer_all(job: WindowJob) -> list[Computed]:

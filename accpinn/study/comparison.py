@@ -97,7 +97,7 @@ def compare(
 
 
 class TrainingSpread(Finding, frozen=True):
-    """How far apart the trainings end."""
+    """Spread of the estimates of several trainings."""
 
     text = (
         "The {trainings} trainings end up to {largest:.0f} % apart{why}. Do not quote a single one"
@@ -135,7 +135,7 @@ class TrainingSpread(Finding, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How far apart several trainings of one segment end."""
+    """Spread of the estimates of several trainings of one segment."""
 
     percent: FloatArray
     """(M, 3) spread of α, β, τ in percent: largest minus smallest, over the mean.
@@ -151,7 +151,7 @@ def starts(
     initials: Sequence[Parameters] = STARTS,
     seeds: Sequence[int] | None = None,
 ) -> Iterator[Analysis]:
-    """The same question from every initial value, with every seed.
+    """The analysis with every initial value and every seed.
 
     Args:
         analysis: whose settings serve all trainings, but for initial values and seed. In place of
@@ -174,7 +174,7 @@ def starts(
 
 
 def spread_of(results: Sequence[Result]) -> Spread:
-    """How far apart trainings of one segment end that differ in initial values and seed.
+    """Spread of the estimates of trainings that differ in initial values and seed.
 
     Examples:
         >>> import accpinn

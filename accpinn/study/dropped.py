@@ -41,7 +41,7 @@ class File:
 
 @dataclass(frozen=True)
 class Dropped:
-    """What came of files that were handed over."""
+    """Files that were handed over: those taken, and a sentence for each that was refused."""
 
     files: tuple[File, ...] = ()
     refused: tuple[str, ...] = ()

@@ -92,7 +92,7 @@ MARKS = {
     "report": b"<!doctype html",
     "file for SUMO": b"<!-- car-following model ",
 }
-"""What stands among the first bytes of every such file, in lower case."""
+"""Text among the first bytes of every such file, in lower case."""
 ATTRIBUTION_TEXT = files("accpinn.study").joinpath("attribution.txt").read_text("utf-8")
 
 
@@ -516,7 +516,7 @@ def _check_shapes(value: Any, info: SegmentInfo) -> None:
 
 
 def _check_fields(value: Any, lengths: dict[str, int]) -> None:
-    """The same of the fields of one object."""
+    """Refuse fields of one object with other lengths than `SHAPES` has."""
     for name, letters in SHAPES.get(type(value), {}).items():
         _check_shape(name, getattr(value, name), letters, lengths)
 

@@ -65,7 +65,7 @@ class Library(Shelf):
         cap_bytes: int = LIBRARY_BYTES,
         cap_count: int = LIBRARY_COUNT,
     ) -> None:
-        """By default among the user's data."""
+        """Open the library of a folder, by default among the user's data."""
         super().__init__(folder("snapshots") if place is None else Path(place), cap_bytes)
         self.cap_count = cap_count
 
@@ -144,7 +144,7 @@ class Library(Shelf):
         os.replace(deleted, path)
 
     def verification(self, name: str) -> Verification | None:
-        """How a snapshot was verified here; None for one that was not, or has changed since."""
+        """Verification of a snapshot here; None for one not verified, or changed since."""
         path = self.path(name)
         try:
             tree = msgspec.json.decode(_verified_path(path).read_bytes())

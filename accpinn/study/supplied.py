@@ -33,14 +33,14 @@ KEPT = 100
 """Draws of each posterior. An end of a group's interval moves by a twentieth of its width, as it
 does from one sampling to the next."""
 SOURCE = "OpenACC"
-"""What stands for the places of the recordings on the machine where it was computed."""
+"""Stands for the places of the recordings on the machine where it was computed."""
 PAGE_BYTES = 1024
 """Size of a page of the SQLite file; larger ones leave much room empty."""
 
 
 @dataclass(frozen=True)
 class About:
-    """How a supplied study was made."""
+    """Origin of a supplied study."""
 
     date: str
     """Day of its computation, as 2026-11-29."""
@@ -57,7 +57,7 @@ def supplied_study() -> Path | None:
 
 
 def read_about(folder: Path) -> About:
-    """How the study in a folder was made."""
+    """Origin of the study in a folder."""
     return About(**json.loads((folder / ABOUT).read_text(encoding="utf-8")))
 
 

@@ -1,4 +1,4 @@
-"""What a snapshot says, held against what its analysis gives when it is run again.
+"""Verification of a snapshot: its analysis is run again and compared number by number.
 
 The analysis is run again on the snapshot's data, and estimate, posterior and held-out errors of
 both are compared number by number; so are the methods compared with it, and with the recording the
@@ -46,12 +46,12 @@ from accpinn.units import FloatArray, Seconds, interval_ends
 
 State = Literal["reproduced", "not checked"]
 Cure = Literal["", "--recording", "--refit"]
-"""What checks more, as the command line has it; empty where nothing can."""
+"""Option of the command line that checks more; empty where none can."""
 
 PATIENCE: Seconds = 60.0
 """Longest time that running the methods again may be expected to take by default."""
 PROMPT: Seconds = 5.0
-"""The same where the verification only comes before something else."""
+"""Longest time that running the methods again may take before a report is made."""
 HOWEVER_LONG: Seconds = inf
 EACH_PAIR: Seconds = 0.1
 """Time that a posterior takes for each follower in each window."""
@@ -59,16 +59,16 @@ EACH_PAIR: Seconds = 0.1
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Numbers closer than this are the same; other processors round differently."""
 SOLVED = 1e-6
-"""The same share for what a method finds."""
+"""Relative tolerance of the numbers that a method finds."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
-"""What computing with numbers that no snapshot has can raise."""
+"""Exceptions of computing with numbers that no snapshot has."""
 COUNTED = 0.05
 """Difference of what is counted of draws, and of probabilities, from one processor to another."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
 EVERYWHERE = ("method", "spec", "case", "settings", "numbers", "speeds", "driven", "outcome",
               "active_bounds", "network_weights")  # fmt: skip
-"""What an iterative training gives alike on every processor."""
+"""Fields that an iterative training gives alike on every processor."""
 CURVES = 0.05
 """Difference of its curves from one processor to another, in m and m/s, and share of what is
 determined less than the parameters: those of each window by itself, loss, disturbances."""
@@ -109,7 +109,7 @@ class Check:
     """Why it could not be checked or computed, as a clause."""
     cure: Cure = ""
     seconds: Seconds = 0.0
-    """How long the cure is expected to take, in s; 0 where that is not known."""
+    """Expected time of the cure, in s; 0 where that is not known."""
 
     @property
     def title(self) -> str:
@@ -133,7 +133,7 @@ class Check:
 MOST_NAMED = 2
 """Methods of a part that a sentence names; of more it tells the number."""
 MARKS = {True: "✓", False: "✗", None: "–"}
-"""What stands before a verification's sentence."""
+"""Sign before a verification's sentence."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class Verification:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were computed again."""
+        """Count of numbers that were computed again."""
         return sum(check.numbers for check in self.checks)
 
     @property
@@ -203,7 +203,7 @@ class Verification:
 
     @property
     def how(self) -> str:
-        """What was done, when, and by which version."""
+        """Extent, date and version of the verification in one line."""
         done = ["methods run again"] * self._is_reproduced("estimate")
         done += ["data compared with the recording"] * self.has_recording
         when = f"{self.created[:16].replace('T', ' ')} UTC" if self.created else ""
@@ -291,7 +291,7 @@ def _judged(whole: Result, left: Seconds) -> Check:
 
 
 def refit_seconds(result: Result) -> Seconds:
-    """How long running the method of a result again takes, hold-out included, in s."""
+    """Expected time of running the method of a result again, hold-out included, in s."""
     try:
         method, config = METHODS[result.analysis.method], result.analysis.config
         once = method.expected_seconds(result.segments, config)

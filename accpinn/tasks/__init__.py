@@ -71,7 +71,7 @@ Steps = Callable[[TaskContext], Iterator[Found]]
 
 
 class Status(Enum):
-    """Where a task stands."""
+    """State of a task."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -129,7 +129,7 @@ class Task(Generic[Found]):
         self.point: Estimate | None = None
         """The running estimation's point, once it is known; its intervals follow."""
         self.latest: Any = None
-        """How far work is that tells it in its own terms, with a ``share``; see `tasks.batches`."""
+        """Progress of work with a type of its own, which has a ``share``; see `tasks.batches`."""
 
     @property
     def is_active(self) -> bool:
@@ -200,7 +200,7 @@ class Task(Generic[Found]):
 
     @property
     def seconds(self) -> Seconds:
-        """How long it has run; 0 before it does."""
+        """Running time so far; 0 for a task that has not started."""
         return time.monotonic() - self._began if self._began is not None else 0.0
 
     def stop(self, reason: str = "") -> None:
@@ -390,7 +390,7 @@ class TaskQueue:
             return tuple(takewhile(lambda other: other is not task, self.active()))
 
     def wait_for(self, task: Task[Any]) -> Seconds | None:
-        """Until a queued task starts at the latest; None where that is not known."""
+        """Longest wait until a queued task starts; None where that is not known."""
         times = [other.time_left for other in self.ahead_of(task)]
         longest = self.limit or float("inf")
         total = 0.0
@@ -522,7 +522,7 @@ def comparison_task(
 
 
 def compared_seconds(segments: Segments) -> dict[str, Seconds]:
-    """How long each part of a comparison takes on two cores, to within a factor of two or so."""
+    """Expected time of each part of a comparison on two cores, right within a factor of two."""
     expected = {FORMS: FORMS_SECONDS * relative_size(segments[0])}
     for name in COMPARED:
         key, config = variant_of(name)
