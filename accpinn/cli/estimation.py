@@ -44,8 +44,9 @@ from accpinn.results.documents import (
     notes,
 )
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.estimate import about_estimate, about_point, cards
+from accpinn.results.messages.estimate import about_estimate, cards
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.naming import about_point, name_of
 from accpinn.results.progress import progress_bar
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
@@ -54,13 +55,11 @@ from accpinn.results.tables.estimates import (
     methods_table,
     model_form_table,
     model_parameters_table,
-    name_of,
     parameter_table,
     starts_table,
     windows_table,
 )
 from accpinn.results.tables.stability import known_table
-from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
 from accpinn.study.judge import judge, subjects_of
@@ -68,6 +67,7 @@ from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path
+from accpinn.study.vehicles import assessed_vehicles
 
 _SETTINGS = {"initial": "initial", "iterations": "iterations", "lbfgs": "lbfgs_iterations",
              "seed": "seed"}  # fmt: skip
@@ -253,7 +253,7 @@ def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) 
     first, info = best or results[0], results[0].info
     followers, forms = range(info.followers), first.adequacy.forms
     recommended = [parameter_table(best).to_text(), about_estimate(best), ""] if best else []
-    subject = known_vehicles(first)
+    subject = assessed_vehicles(first)
     tables = [
         *(methods_table(results, k, best) for k in followers),
         *([known_table(subject)] if subject.has_report else ()),

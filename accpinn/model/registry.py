@@ -41,6 +41,7 @@ from accpinn.errors import ConfigError, shown
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.cthp import simulate as simulate_cthp
 from accpinn.model.following import COMPLEX_STEP, ConstantTimeHeadway, FollowingModel, Parameter
+from accpinn.model.unequal_gains import UNEQUAL_GAINS
 from accpinn.units import FloatArray
 
 
@@ -123,6 +124,7 @@ FVDM = FollowingModel(
 BASES = (
     CTHP,
     CTHP_S0,
+    UNEQUAL_GAINS,
     IDM,
     FVDM,
 )
@@ -148,7 +150,7 @@ Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: dict[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
-JUDGED = (PAPER, BEST, IDM.key, FVDM.key)
+JUDGED = (PAPER, BEST, UNEQUAL_GAINS.key, IDM.key, FVDM.key)
 """Models that are judged unless others are named: the paper's, the answer's, and the usual ones."""
 
 

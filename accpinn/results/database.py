@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from accpinn.findings import capital, joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import FOLLOWING, TITLES
-from accpinn.results.description import EXTRAPOLATED, Value
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.results.tables.estimates import cell_of, columns_of, gap_column
 from accpinn.storage import csv_cell
 from accpinn.study.batch import BatchProgress
+from accpinn.study.description import EXTRAPOLATED, Value
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
@@ -160,6 +160,8 @@ HEADINGS = dict(zip(GROUPABLE, _NAMED, strict=True))
 FASTEST = SPEEDS[-1]
 GAP = "Time gap"
 GROWTH = Column("Largest growth", digits=2, key="growth")
+MARGIN = Column("Margin, L₂", "s", 2, key="margin_l2")
+"""By how much the time gap exceeds the smallest string stable one."""
 NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
 """Parameters in a table of 100 characters, with their decimals; else a model's first three."""
 
@@ -186,6 +188,7 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
         *_heads(grouped),
         *_gaps(grouped),
         (GROWTH, [group.growth for group in groups]),
+        (MARGIN, [_finite(group.margin) for group in groups]),
         *((column, [group.span(name) for group in groups])
           for name, column in own.items()),
         *_stable(groups),
@@ -218,11 +221,12 @@ def ranking_table(grouped: Groups) -> Table:
         f"Typical value ({100 * grouped.level:g} % interval), by time gap at"
         f" {3.6 * FASTEST:.0f} km/h, measured before extrapolated"
     )
-    growth: Filled = (GROWTH, [group.growth for group in ranked.groups])
-    return Table.of(
-        caption,
-        [_labels(ranked), *_gaps(ranked), growth, *_stable(ranked.groups), *_counts(ranked)],
-    )
+    more: list[Filled] = [
+        (GROWTH, [group.growth for group in ranked.groups]),
+        (MARGIN, [_finite(group.margin) for group in ranked.groups]),
+    ]
+    columns = [*_gaps(ranked), *more, *_stable(ranked.groups), *_counts(ranked)]
+    return Table.of(caption, [_labels(ranked), *columns])
 
 
 def group_parameters_table(grouped: Groups) -> Table:
@@ -298,6 +302,11 @@ def _share(share: Quantity, group: Group) -> Cell:
     """The probability of one vehicle, else the share of several with its interval."""
     shown = _scaled(share, 100)
     return shown.value if isnan(share.value) or len(group.cars) == 1 else shown
+
+
+def _finite(of: Quantity) -> Cell:
+    """A value with its interval; none where it is infinite."""
+    return of if math.isfinite(of.value) else None
 
 
 def _scaled(of: Quantity, factor: float) -> Quantity:

@@ -21,13 +21,14 @@ from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
-from accpinn.results.description import about_point, describe, incidents, name_of
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.naming import about_point, name_of
 from accpinn.results.tables.estimates import gains_and_own_columns
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
+from accpinn.study.description import describe
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
@@ -256,26 +257,27 @@ def _card(snapshot: Result, k: int) -> dict[str, Any]:
 
 def answer_document(result: Result) -> list[dict[str, Any]]:
     """An estimate with a posterior as every document has it, one entry a follower."""
-    description, known, rows = describe(result), result.posterior, []
-    assert known is not None  # as the caller knows
+    description, posterior, rows = describe(result), result.posterior, []
+    assert posterior is not None  # as the caller knows
     for k, speed in enumerate(result.estimate.speeds.tolist()):
-        row = description.row(k)
-        trusted = msgspec.structs.asdict(row.trust)
+        follower = description.follower(k)
+        trusted = msgspec.structs.asdict(follower.trust)
         del trusted["vehicle"]
-        trusted |= {"reproduced": row.trust.is_reproduced, "in_words": row.trust.in_words}
-        gaps = {f"{at * 3.6:.0f}": gap.span for at, gap in row.gaps.items()}
+        trusted["reproduced"] = follower.trust.is_reproduced
+        trusted["in_words"] = follower.trust.in_words
+        gaps = {f"{at * 3.6:.0f}": gap.span for at, gap in follower.time_gaps.items()}
         rows.append(
             {
                 "model": result.estimate.model,
                 **_spans(
-                    {name: value.span for name, value in row.known[1].items()},
-                    gaps | {"median": row.at_median[row.places.index(k)][2]},
+                    {name: value.span for name, value in follower.values.parameters.items()},
+                    gaps | {"median": follower.at_median[follower.places.index(k)][2]},
                 ),
                 "median_speed": speed,
                 "windows": len(description.infos),
-                "windows_differ_p": float(known.differ[k]),
+                "windows_differ_p": float(posterior.differ[k]),
                 "trust": trusted,
-                "level": known.level,
+                "level": posterior.level,
             }
         )
     return _of_followers(description.info, rows)
@@ -318,6 +320,7 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
                     "median": group.mean_time_gap.value,
                     "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
                 },
+                "margin_l2": _quantity(group.margin),
                 "l2_stable": _quantity(group.l2_stable),
                 "linf_stable": _quantity(group.linf_stable),
             }
@@ -343,7 +346,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
             _score_document(score, speed, share)
             for score, share in zip(judged.scores, wins([judged]), strict=True)
         ],
-        "best": judged.ranked[0].model.key,
+        "best": judged.ranked[0].key,
         "clear": judged.is_clear,
         "sentences": messages(judged.findings, judged.info),
     }
@@ -353,14 +356,15 @@ def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> 
     model, vehicle = score.model, stability_at(score.model, score.theta, speed)
     named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
     return {
-        "model": model.key,
-        "title": model.title,
+        "model": score.key,
+        "title": score.title,
         "parameters": {
             name: {"value": value, "interval": [low, high], "determined": bool(known)}
             for name, value, low, high, known in named
         },
         "level": MODEL_LEVEL,
         "gap_rmse": score.rmse.tolist(),
+        "gap_mae": score.mae.tolist(),
         "time_gap_rmse": score.time_gap_rmse.tolist(),
         "collided": score.collided.tolist(),
         "wins": float(share),

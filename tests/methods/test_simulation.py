@@ -26,11 +26,12 @@ TRUTHS = {
     "fvdm": np.array([[0.15, 0.3, 20.0, 0.05, 18.0], [0.1, 0.5, 17.0, 0.06, 22.0]]),
     "cthp": np.array([[0.08, 0.2, 1.2], [0.15, 0.1, 0.9]]),
     "cthp-s0": np.array([[0.08, 0.2, 1.2, 4.0], [0.15, 0.1, 0.9, 6.0]]),
+    "unequal": np.array([[0.06, 2.1, 0.2, 1.3, 1.2, 4.0], [0.12, 0.6, 0.2, 0.9, 0.9, 6.0]]),
     "idm-delay": np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.5], [1.0, 1.8, 1.4, 4.0, 40.0, 0.4]]),
 }
 
 
-@pytest.mark.parametrize("key", ["cthp", "cthp-s0", "fvdm", "idm-delay"])
+@pytest.mark.parametrize("key", ["cthp", "cthp-s0", "unequal", "fvdm", "idm-delay"])
 def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     model, truth = FOLLOWING[key], TRUTHS[key]
     windows = [pair for seed in range(2) for pair in followed(model, truth, seed, 0.03, 100.0)]
@@ -44,10 +45,10 @@ def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
 
 def test_a_fixed_delay_that_is_shorter_than_a_step_is_kept() -> None:
     model, truth = FOLLOWING["idm-delay"], np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.1]])
-    windows = followed(model, truth, 1, 0.03, 60.0)
+    windows = followed(model, truth, 1, 0.03, 100.0)
     (optimum,) = optima(model, Drives.of(windows, model), [[0]], fixed=(("delay", 0.1),))
     assert optimum.converged
-    assert optimum.theta == pytest.approx(truth[0], rel=0.15)
+    assert optimum.theta == pytest.approx(truth[0], rel=0.1)
 
 
 def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:

@@ -25,21 +25,23 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results import database as on_batch
-from accpinn.results.description import describe
+from accpinn.results import naming
+from accpinn.results.cast import Cast
 from accpinn.results.messages import estimate as on_estimate
+from accpinn.results.messages import incidents
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.estimate import Check, checks
 from accpinn.results.messages.stability import headline, platoon_reasons, reasons
 from accpinn.results.recording import driver_summary, suggestion_reasons
-from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.result import Result
 from accpinn.study.studies import Failure
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from accpinn.units import Quantity
 from tests.support import studies
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
@@ -70,14 +72,17 @@ def named(*vehicles: Parameters) -> ParameterSet:
 
 def judged(*vehicles: Parameters, stable: tuple[float, ...] = ()) -> str:
     """The headline of vehicles, by the posterior's probabilities where some are given."""
-    return headline(KnownVehicles(named(*vehicles), posterior(*stable) if stable else None))
+    return headline(AssessedVehicles(named(*vehicles), posterior(*stable) if stable else None))
 
 
 def posterior(*stable: float) -> Any:
     """What sentences read of the uncertainty of some vehicles."""
     count = len(stable)
     gains = SimpleNamespace(lower=np.full(count, 1.25), upper=np.full(count, 1.75))
-    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
+    shares = np.array(stable)
+    return SimpleNamespace(
+        probability_l2=shares, peak_gain=gains, probability_linf=shares, linf_gain=gains, level=0.9
+    )
 
 
 VERDICTS = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
@@ -85,7 +90,7 @@ VERDICTS = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 
 def platoons(name: str, *vehicles: Parameters) -> str:
     """The reason of a verdict of the platoon."""
-    _, why = platoon_reasons(KnownVehicles(named(*vehicles)))[VERDICTS.index(name)]
+    _, why = platoon_reasons(AssessedVehicles(named(*vehicles)))[VERDICTS.index(name)]
     return why
 
 
@@ -114,7 +119,7 @@ def stopped() -> str:
 def collided() -> tuple[str, ...]:
     findings = (SimulatedCollision(3, 12.34, -1.5),)
     hit = knowing(whole(), evaluation=replace(whole().evaluation, findings=findings))
-    return describe(hit).events
+    return incidents(hit.evaluation, hit.info)
 
 
 MOVED = Suggestion(Window(330, 630), 0.963, None, 190)
@@ -151,7 +156,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      [AFTER_COLLISION]),
     (lambda: on_platoon.smallest_gap(*behind_a_wave(CALM, CALM)),
      ["58.2 m", "follower 1 at 251 s"]),
-    (lambda: on_stability.criteria_differ(KnownVehicles(named(TESLA, CALM))),
+    (lambda: on_stability.criteria_differ(AssessedVehicles(named(TESLA, CALM))),
      ["V1 meets"]),
     # A result and its data
     (lambda: on_result.title(whole()), ["whole"]),
@@ -207,15 +212,15 @@ def test_a_point_is_told_without_intervals() -> None:
     assert card.trust == result.trust[0].in_words
     (together,) = on_estimate.cards(result, together=True)
     assert "%" not in together.lead.partition("They amplify")[0]
-    assert "probability" not in headline(known_vehicles(result))
+    assert "probability" not in headline(assessed_vehicles(result))
     for said in (on_estimate.assumption(result), on_estimate.about_estimate(result)):
-        assert on_estimate.PAPERS_POINT in said.replace("The paper's", "the paper's")
+        assert naming.PAPERS_POINT in said.replace("The paper's", "the paper's")
         assert "bracket" not in said
 
 
 def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
     result = recommended()
-    estimate, subject = result.estimate, known_vehicles(result)
+    estimate, subject = result.estimate, assessed_vehicles(result)
     cards = on_estimate.cards(result)
     assert len(cards) == result.info.followers
     span, peak = estimate.time_gap(estimate.stated_speed, 0), subject.report.vehicles[0].peak
@@ -238,7 +243,7 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust() -> None:
 
 def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them() -> None:
     result = recommended()
-    estimate, subject = result.estimate, known_vehicles(result)
+    estimate, subject = result.estimate, assessed_vehicles(result)
     one_each = on_estimate.cards(result)
     (shared,) = on_estimate.cards(result, together=True)
     spans = [estimate.time_gap(estimate.stated_speed, k) for k in range(len(one_each))]
@@ -323,9 +328,9 @@ def test_a_point_says_what_it_is() -> None:
     presets = [replace(point, method="pinn", settings=c.to_json()) for c in (FAST, PAPER)]
     stopped = replace(presets[0], settings=CALIBRATED.to_json())
     nonlinear = replace(presets[0], spec=ModelSpec("idm"))
-    said = [on_estimate.about_point(one) for one in (*presets, stopped, nonlinear, point)]
-    assert said == [on_estimate.PAPERS_POINT] * 2 + [on_estimate.POINT] * 3
-    assert on_estimate.about_point(recommended().estimate) == ""
+    said = [naming.about_point(one) for one in (*presets, stopped, nonlinear, point)]
+    assert said == [naming.PAPERS_POINT] * 2 + [naming.POINT] * 3
+    assert naming.about_point(recommended().estimate) == ""
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:
@@ -345,7 +350,8 @@ def test_an_equation_has_every_parameter_of_its_model_and_no_other(model: str) -
     assert not missing([parameter.symbol for parameter in FOLLOWING[model].parameters], said)
     if not FOLLOWING[model].is_linear:
         assert TITLES[model] in said
-        assert not {"α", "β", "τ"} & {*said}
+        own = {parameter.symbol[0] for parameter in FOLLOWING[model].parameters}
+        assert not ({"α", "β", "τ"} - own) & {*said}
         return
     for name, symbol in (("s0", "s₀"), ("lag", "λ d²v"), ("delay", "time d")):
         assert (symbol in said) is (name in terms)
@@ -382,7 +388,7 @@ HEADWAYS = stability_report(TESLA).vehicles[0].smallest_tau
 @example(Parameters(8e6, 1e9, 0.0))  # amplifies by less than one part in 10⁹
 @settings(max_examples=50)
 def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
-    said = reasons(KnownVehicles(named(vehicle, AUDI)))
+    said = reasons(AssessedVehicles(named(vehicle, AUDI)))
     for text in [why for _, verdicts in said for _, why in verdicts]:
         assert text.endswith(".")
         assert not [odd for odd in (". ", "nan", "inf ", "None") if odd in text]

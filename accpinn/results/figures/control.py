@@ -1,4 +1,4 @@
-"""What control engineers ask of vehicles, as figures: poles, responses in time, and margins."""
+"""What control engineers ask of vehicles, as figures: poles, responses, margins, large waves."""
 
 import html
 from collections.abc import Sequence
@@ -11,17 +11,20 @@ from accpinn.channels import TIME
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import (
+    AXIS_OF_FREQUENCY,
     CLOUD,
     DOT_OPACITY,
     L2_UNSTABLE,
     LIMIT,
     MAKE_END,
+    TICKS,
     WHOLE_NAME,
     colours,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability.modes import dominant_poles, responses
-from accpinn.units import Quantity, Seconds
+from accpinn.stability.waves import Waves
+from accpinn.study.vehicles import AssessedVehicles
+from accpinn.units import FloatArray, Quantity, Seconds
 
 HEIGHT = 320
 """Height of poles and responses, in pixels."""
@@ -38,8 +41,13 @@ MOST_STEP = 1e3
 RESPONSE: tuple[Seconds, Seconds] = (10.0, 90.0)
 """Least and greatest length of the responses in sight."""
 
+DIRECTIONS = "braking", "accelerating"
+"""Of waves, as they are called."""
+MOST_GROWTH = 5.0
+"""Largest growth of a wave that is in sight."""
 
-def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+
+def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """Poles and zeros of every vehicle, and the rightmost poles of some posterior samples.
 
     What is in sight are the poles that decide; faster ones lie to the left. The height is in
@@ -89,7 +97,7 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+def step_responses(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """The speed of every vehicle after a unit step of the speed ahead. The height is in pixels."""
     vehicles, end = subject.vehicles, response_length(subject)
     chart = style.Chart("step-responses", height, hoverdistance=200)
@@ -109,7 +117,7 @@ def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go.Figure:
+def impulse_response(subject: AssessedVehicles, k: int, height: int = HEIGHT) -> go.Figure:
     """H of one vehicle, its areas above and below zero shaded, with the verdict's ‖h‖₁.
 
     The height is in pixels.
@@ -139,13 +147,13 @@ def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go
     return chart.figure()
 
 
-def response_length(subject: KnownVehicles) -> Seconds:
+def response_length(subject: AssessedVehicles) -> Seconds:
     """The time that responses show: until all vehicles that settle have done so."""
     settled = [m.settling for m in subject.modes if np.isfinite(m.settling)]
     return float(np.clip(1.25 * max(settled, default=RESPONSE[1]), *RESPONSE))
 
 
-def margin_forest(subject: KnownVehicles) -> go.Figure:
+def margin_forest(subject: AssessedVehicles) -> go.Figure:
     """The margin of every vehicle's time gap by both norms, and of the platoon, with intervals.
 
     A triangle at the left end stands for a vehicle that no larger time gap makes stable, one at the
@@ -189,6 +197,55 @@ def margin_forest(subject: KnownVehicles) -> go.Figure:
                range=[-0.6, last + 0.6])  # fmt: skip
     chart.words("unstable", 0.005, 0.995)
     return chart.figure()
+
+
+def growth_by_frequency(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves of one size grow over their frequency: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-frequency"), [1.1]
+    for k, vehicle in enumerate(found.vehicles):
+        growth = vehicle.by_frequency
+        parts = growth.braking, growth.accelerating
+        tops += _draw_directions(
+            chart, subject, found, k, growth.omega, parts, "%{y:.2f} at %{x:.3f} rad/s"
+        )
+    chart.axis("x", AXIS_OF_FREQUENCY, type="log", **TICKS)
+    chart.axis("y", "Growth", range=[0.0, 1.05 * min(max(tops), MOST_GROWTH)])
+    return chart.figure()
+
+
+def growth_by_size(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves grow by their size: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-size"), [1.1]
+    linear = (vehicle.peak.gain for vehicle in subject.report.vehicles)
+    for k, (vehicle, peak) in enumerate(zip(found.vehicles, linear, strict=True)):
+        parts = [np.insert(part, 0, peak) for part in (vehicle.braking, vehicle.accelerating)]
+        size = 3.6 * np.insert(vehicle.amplitude, 0, 0.0)
+        tops += _draw_directions(chart, subject, found, k, size, parts, "%{y:.2f} at %{x:.0f} km/h")
+    end = 3.6 * max(float(vehicle.amplitude[-1]) for vehicle in found.vehicles)
+    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
+    chart.axis("y", "Largest growth", range=[min(0.9, *tops), 1.05 * min(max(tops), MOST_GROWTH)])
+    return chart.figure()
+
+
+def _growth_chart(key: str) -> style.Chart:
+    chart = style.Chart(key, HEIGHT, hoverdistance=30)
+    chart.level("y", 1.0, LIMIT, "below")
+    return chart
+
+
+def _draw_directions(
+    chart: style.Chart, subject: AssessedVehicles, found: Waves, k: int, x: FloatArray,
+    parts: Sequence[FloatArray], at: str,
+) -> list[float]:  # fmt: skip
+    """Draw the growth of braking and accelerating waves by one vehicle; returns what is finite."""
+    label, colour = found.names[k], colours(subject.vehicles)[k]
+    for part, words, dash in zip(parts, DIRECTIONS, ("solid", "dash"), strict=True):
+        chart.line(
+            x, part, f"{label}, {words}", colour, 2.2, dash, showlegend=dash == "solid",
+            hover=f"{words}: {at}<extra>{html.escape(label)}</extra>",
+        )  # fmt: skip
+    every = np.concatenate(parts)
+    return [float(value) for value in every[np.isfinite(every)]]
 
 
 def _said(value: Quantity) -> str:

@@ -19,6 +19,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.steady import steady_gains
+from accpinn.results.cast import Cast
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import WIDTHS, colours_of
 from accpinn.results.figures.stability import (
@@ -34,10 +35,10 @@ from accpinn.results.figures.stability import (
     draw_clickable,
     frequencies,
 )
-from accpinn.results.vehicles import Cast, KnownVehicles
-from accpinn.stability.criteria import response
+from accpinn.stability.criteria import checked, response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.lagged import is_lagged
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, interval_ends
 
 Part = Literal["magnitude", "phase"]
@@ -69,7 +70,7 @@ UNITS: dict[Part, tuple[str, int]] = {"magnitude": ("dB", 2), "phase": ("°", 1)
 """Unit and decimals of each part where it is written."""
 
 
-def response_curves(subject: KnownVehicles, part: Part, height: int) -> go.Figure:
+def response_curves(subject: AssessedVehicles, part: Part, height: int) -> go.Figure:
     """The magnitude or phase of every vehicle's response, in half the bytes.
 
     Every point carries the vehicle's index as its custom data, as in `bode`. The magnitude has the
@@ -117,15 +118,16 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
 
 
 def frequency_data(
-    subject: KnownVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
+    subject: AssessedVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
 ) -> dict[str, Any]:
     """What the browser draws at any of the offered frequencies, as JSON has it.
 
     Returns:
         "omega" (K,); of each of the platoon's different vehicles its gain H(jω) as real and
         imaginary parts, null where it never settles; its "order" in terms of these; names, colours
-        and widths of all vehicles, leader first; and the "curves" of the response with their values
-        at each frequency.
+        and widths of all vehicles, leader first; the "curves" of the response with their values
+        at each frequency; and the "cars" (V, 5) α, β, τ, λ and d of these curves, of which the
+        platoon's "different" ones are places, for what a change of these would do.
     """
     omega, vehicles = np.array(offered), subject.vehicles
     different = [*dict.fromkeys(cast.order)]
@@ -145,6 +147,8 @@ def frequency_data(
             {"name": name, "colour": paint, "values": _sent(row)}
             for name, paint, row in zip(names, paints, values, strict=True)
         ],
+        "cars": checked(vehicles.parameters).complete[:, [0, 1, 2, 4, 5]].tolist(),
+        "different": different,
         "unit": unit,
         "decimals": decimals,
         "amplitude": AMPLITUDE,
@@ -179,7 +183,7 @@ def phases(parameters: Parameters, omega: FloatArray) -> FloatArray:
     return np.asarray(np.degrees(np.unwrap(along, axis=1)[:, BELOW_POINTS:]))
 
 
-def bode_phase(subject: KnownVehicles, height: int) -> go.Figure:
+def bode_phase(subject: AssessedVehicles, height: int) -> go.Figure:
     """The phase of every vehicle's response over frequency, and from the leader to the last.
 
     Points carry the vehicle's index as in `bode`; the uncertainty adds the interval of every

@@ -17,11 +17,11 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
 from accpinn.results.messages.stability import three
 from accpinn.results.reproduction import PANEL_FOLLOWERS, PANELS
-from accpinn.results.vehicles import Cast
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
 
@@ -56,6 +56,11 @@ END = {"symbol": "x", "size": 9, "color": style.MODEL}
 """Where a vehicle collides with the one ahead."""
 ENDS = "ends with a collision"
 MEASURED_OPACITY = 0.65
+LABELLED = 6
+"""Followers up to which the bars of growth carry their gains."""
+LEAST_GROWTH, GROWTH_RIM, LEAST_RIM = 1e-3, 0.15, 0.02
+"""Least growth in sight; room around the bars as a share of their span, and at least, in decades.
+"""
 WIDTHS = (2.5, 1.5)
 """Widths of the line of the leader, and of a follower."""
 LIGHTEST, DARKEST = 0.70, 0.42
@@ -281,52 +286,66 @@ def _draw_tracks(
 def growth_by_vehicle(
     run: PlatoonRun, cast: Cast, recorded: Segment | None = None, height: int = 380
 ) -> go.Figure:
-    """How many times the leader's amplitude each vehicle's is, as bars: of speed, once settled.
+    """The growth along the platoon on a logarithmic axis: one floating bar for each follower.
 
-    Behind a leader that is no sinusoid it is the largest deviation; for a vehicle that does not
-    drive to the end that so far, in outline. A tick marks what |H(jω)| predicts, a diamond what the
-    vehicles themselves did behind a recorded leader. The height is in pixels.
+    A bar begins at the amplitude of the car ahead and ends at the follower's own, both relative to
+    the leader's: its length is the follower's own gain, and its end the growth up to it. Amplitudes
+    are those of the speed once settled, and behind a leader that is no sinusoid the largest
+    deviations; of a vehicle that does not drive to the end the largest until then, in outline. A
+    tick marks the growth predicted by |H(jω)|, a diamond that of the recorded vehicles behind a
+    recorded leader. The height is in pixels.
     """
     wave, driving = run.amplitudes, run.survivors
     sizes = wave.measured if wave else run.largest_deviation
     sizes = np.where(np.arange(len(sizes)) < driving, sizes, run.largest_deviation)
     base = sizes[0] if sizes[0] > 0 else np.nan
     growth, places, paints = sizes / base, np.arange(len(sizes)), colours_of(cast)
+    ahead, ends = np.append(1.0, growth[:-1]), [growth]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a car behind one that stands still
+        gains = growth / ahead
     names = [html.escape(label) for label in cast.labels]
-    chart = style.Chart("platoon-growth", height, bargap=0.25)
-    told = {len(growth) - 1, int(np.nan_to_num(growth).argmax())}
-    for part, name, look in (
-        (slice(0, driving), "Simulated", {}),
-        (slice(driving, None), "Before the collision", {"pattern": {"shape": "/", "size": 5}}),
-    ):
-        if len(places[part]):
-            values = growth[part]
+    margin = {"l": 62, "r": 14, "t": 28, "b": 42}
+    chart = style.Chart("platoon-growth", height, bargap=0.25, margin=margin)
+    is_labelled = len(growth) <= LABELLED + 1
+    for rows, name, look in (
+        (slice(1, driving), "Simulated", {}),
+        (slice(max(1, driving), None), "Before the collision",
+         {"pattern": {"shape": "/", "size": 5}}),
+    ):  # fmt: skip
+        if len(places[rows]):
             chart.add(
-                places[part], values, name, type="bar", marker={"color": paints[part], **look},
-                text=[f"{three(v)}×" if k in told and np.isfinite(v) else ""
-                      for k, v in zip(places[part].tolist(), values.tolist(), strict=True)],
-                textposition="outside", textangle=0, constraintext="none",
-                cliponaxis=False, customdata=sizes[part],
-                hovertext=names[part], hovertemplate="%{hovertext}<br>%{y:.3g} × the leader's,"
-                " %{customdata:.3f} m/s<extra></extra>",
+                places[rows], (growth - ahead)[rows], name, type="bar", base=ahead[rows],
+                marker={"color": paints[rows], **look},
+                text=[f"{three(gain)}×" if is_labelled and np.isfinite(gain) else ""
+                      for gain in gains[rows].tolist()],
+                textposition="outside", textangle=0, constraintext="none", cliponaxis=False,
+                customdata=np.column_stack([gains, growth, sizes])[rows],
+                hovertext=names[rows], hovertemplate="%{hovertext}<br>%{customdata[0]:.3g} × the"
+                " car ahead<br>%{customdata[1]:.3g} × the leader's, %{customdata[2]:.3f} m/s"
+                "<extra></extra>",
             )  # fmt: skip
     if wave:
+        ends.append(wave.predicted / base)
         chart.dots(
-            places, wave.predicted / base, "Predicted by |H(jω)|",
-            hover="predicted %{y:.3g} ×<extra></extra>",
+            places, ends[-1], "Predicted by |H(jω)|", hover="predicted %{y:.3g} ×<extra></extra>",
             marker={"symbol": "line-ew", "size": 16, "line": {"width": 2, "color": style.LEADER}},
         )  # fmt: skip
     if recorded:
-        moved = np.fmax.reduce(np.abs(recorded.measured_speeds - run.leader.speed))
+        ends.append(np.fmax.reduce(np.abs(recorded.measured_speeds - run.leader.speed)) / base)
         chart.dots(
-            places[: len(moved)], moved / base, "Recorded",
+            places[: len(ends[-1])], ends[-1], "Recorded",
             hover="recorded %{y:.3g} ×<extra></extra>",
             marker={"symbol": "diamond-open", "size": 10, "color": style.MODEL,
                     "line": {"width": 2}},
         )  # fmt: skip
     chart.level("y", 1, {"color": style.LEADER, "width": 1, "dash": "dash"})
     what = "Amplitude" if wave else "Largest deviation"
-    chart.axis("y", f"{what} [× the leader's]", rangemode="tozero")
+    shown = np.concatenate(ends)
+    shown = np.log10(np.clip(shown[np.isfinite(shown)], LEAST_GROWTH, None))
+    low, high = min(shown, default=0.0), max(shown, default=0.0)
+    rim = max(GROWTH_RIM * (high - low), LEAST_RIM)
+    chart.axis("y", f"{what} [× the leader's]", type="log", range=[low - rim, high + rim])
+    chart.words("each bar: the car's own gain", 0, 1, yanchor="bottom")
     _mark_vehicles(chart, "x", cast)
     return chart.figure()
 

@@ -3,11 +3,13 @@
 import numpy as np
 
 from accpinn.findings import joined, percent
+from accpinn.inference.intervals import LEVEL
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.messages.stability import MAY_AMPLIFY, three
-from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
@@ -18,8 +20,8 @@ SAME_FREQUENCY = 0.02
 """Relative difference up to which a sinusoid is said to be at the platoon's peak."""
 
 
-def disturbance(run: PlatoonRun, cast: Cast) -> str:
-    """The growth of the disturbance up to the last follower."""
+def disturbance(run: PlatoonRun, cast: Cast, growth: Quantity | None = None) -> str:
+    """The growth of the disturbance up to the last follower, with its interval where it has one."""
     wave, moved = run.amplitudes, run.largest_deviation
     measured = wave.measured if wave and wave.periods else None
     what = "largest speed deviation" if measured is None else "oscillation"
@@ -47,16 +49,24 @@ def disturbance(run: PlatoonRun, cast: Cast) -> str:
     if abs(ratio - 1) < SAME_AMPLITUDE:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
-    largest = int(np.argmax(sizes))
-    last = f"{verb} to {three(ratio)} times the leader's at the last follower: {size}."
+    largest, times = int(np.argmax(sizes)), f"{three(ratio)}{_interval(growth)} times"
+    last = f"{verb} to {times} the leader's at the last follower: {size}."
     if not 0 < largest < len(sizes) - 1:
         return f"The {what} {last}"
     most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
-    last = f"is {three(ratio)} times at the last follower: {size}."
+    last = f"is {times} at the last follower: {size}."
     return f"The {what} {most} at {cast.spoken(largest)}, and {last}"
 
 
-def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
+def _interval(growth: Quantity | None) -> str:
+    """The interval of a growth in brackets, as " (90 %: 1.70–2.60)"; empty without one."""
+    if growth is None:
+        return ""
+    upper = " or more" if np.isinf(growth.upper) else f"–{three(growth.upper)}"
+    return f" ({percent(LEVEL)}: {three(growth.lower)}{upper})"
+
+
+def growth_of(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
     """The last follower's amplitude by the leader's, with its interval.
 
     None where no uncertainty is known, behind a leader that is no sinusoid or of which no period
@@ -68,17 +78,6 @@ def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity |
     if run.amplitudes and not run.amplitudes.periods:
         return None
     return subject.growth(cast.order, leader.frequency)
-
-
-def known_growth(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> str:
-    """The interval of that in a sentence; empty where there is none."""
-    grows, known = growth_of(subject, cast, run), subject.uncertainty
-    if grows is None or known is None:
-        return ""
-    ends = f"{three(grows.lower)} to {three(grows.upper)} times the leader's."
-    if np.isinf(grows.upper):
-        ends = f"{three(grows.lower)} times the leader's or more."
-    return f"{percent(known.level)} interval of the last follower's amplitude: {ends}"
 
 
 def most_amplified(run: PlatoonRun) -> str:

@@ -1,14 +1,14 @@
 """String stability in sentences: the verdict, its probability and reason."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import isinf, isnan
+from math import isfinite, isinf, isnan
 
 from accpinn.findings import all_of, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.results.vehicles import ALL_OF_IT, KnownVehicles, against_model
-from accpinn.results.vehicles import against_measured as against_measured
+from accpinn.results.objections import against_measured as against_measured
+from accpinn.results.objections import against_model
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -17,7 +17,9 @@ from accpinn.stability import (
     VehicleStability,
     Verdict,
 )
-from accpinn.stability.margin import State
+from accpinn.stability.margin import NormMargin, State
+from accpinn.stability.waves import Waves
+from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
@@ -82,17 +84,17 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     )
 
 
-def most_needed(subject: KnownVehicles) -> str:
+def most_needed(subject: AssessedVehicles) -> str:
     """The vehicle that is farthest from string stability, or nearest to losing it, in a sentence.
 
     By L₂, as the verdict above the pages' pictures.
     """
-    found, spoken = subject.margins.vehicles, subject.vehicles.spoken
-    judged = [k for k, v in enumerate(found) if not isnan(v.l2.distance.value)]
+    found, spoken = subject.l2_margins, subject.vehicles.spoken
+    judged = [k for k, margin in enumerate(found) if not isnan(margin.distance.value)]
     if not judged:
         return "The data do not determine the margins."
-    worst = min(judged, key=lambda k: found[k].l2.distance.value)
-    margin, name = found[worst].l2, spoken[worst]
+    worst = min(judged, key=lambda k: found[k].distance.value)
+    margin, name = found[worst], spoken[worst]
     value = margin.distance.value
     if margin.state is State.NEVER:
         return f"No time gap makes {name} L₂ string stable."
@@ -110,16 +112,47 @@ def most_needed(subject: KnownVehicles) -> str:
     )
 
 
-def _gap(distance: Quantity, sign: int) -> str:
-    """A margin as a positive time in s, with its interval."""
-    value, ends = sign * distance.value, sorted((sign * distance.lower, sign * distance.upper))
-    if isnan(distance.lower):
-        return f"{value:.2f} s"
-    high = "or more" if isinf(ends[1]) else f"to {ends[1]:.2f}"
-    return f"{value:.2f} s ({ends[0]:.2f} {high})"
+def next_to_stable(subject: AssessedVehicles) -> str:
+    """How much more time gap the vehicle needs that lacks most, in a few words.
+
+    Empty where none is L₂ unstable, or no time gap makes it stable.
+    """
+    lacking = {
+        k: margin
+        for k, margin in enumerate(subject.l2_margins)
+        if margin.state is State.TOO_SHORT and subject.assessed[k].l2.assessment != "not determined"
+    }
+    if not lacking:
+        return ""
+    most = min(lacking, key=lambda k: lacking[k].distance.value)
+    who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
+    return f"{who}needs {_gap(lacking[most].distance, -1, 'more')} to be string stable"
 
 
-def about_margin(subject: KnownVehicles) -> str:
+def margin_in_words(margin: NormMargin) -> str:
+    """The margin of one vehicle by L₂, as a sentence; empty where there is none."""
+    if margin.state is State.TOO_SHORT:
+        return f"Needs {_gap(margin.distance, -1, 'more')} time gap."
+    if margin.state is State.STABLE and isfinite(margin.distance.value):
+        return f"Time gap to spare: {_gap(margin.distance, 1)}."
+    is_told = margin.state in (State.NEVER, State.TOO_LONG)
+    return f"{capital(margin.state.value)}." if is_told else ""
+
+
+def _gap(distance: Quantity, sign: int, word: str = "") -> str:
+    """A margin as a positive time in s, with its interval; the word stands before that."""
+    said = f"{sign * distance.value:.2f} s {word}".rstrip()
+    low, high = sorted((sign * distance.lower, sign * distance.upper))
+    if isnan(low) or (isinf(low) and isinf(high)):
+        return said
+    if isinf(low):
+        within = f"up to {high:.2f}"
+    else:
+        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f} to {high:.2f}"
+    return f"{said} ({within})".replace("-", "−")
+
+
+def about_margin(subject: AssessedVehicles) -> str:
     """What the margins are, beside their picture."""
     speeds = 3.6 * subject.margins.speed
     low, high = round(float(speeds.min())), round(float(speeds.max()))
@@ -129,10 +162,32 @@ def about_margin(subject: KnownVehicles) -> str:
     return f"At {at}, all else kept.{bars}"
 
 
+def waves_in_words(found: Waves) -> str:
+    """How much the two directions of a wave grow by the vehicle that amplifies most."""
+    pairs = zip(found.names, found.vehicles, strict=True)
+    grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
+    judged = [row for row in grow if not isnan(row[0] + row[1])]
+    if not judged:
+        return "No steady wave is found."
+    braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
+    most = " most" if len(grow) > 1 else ""
+    return (
+        f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
+        f" an accelerating one {grown(accelerating)}."
+    )
+
+
+WAVES = (
+    "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
+    " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
+    " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
+    " peak of |H|."
+)
+"""What the growth of waves is."""
 MARGIN = (
     "Margin: the vehicle's time gap τ + s₀/v minus the smallest at which it is string stable with"
     " its own gains, s₀, lag and delay; that is τ - τ_min at every speed. A nonlinear model is"
-    " linearised at the speed. Leader to last follower: the change of all time gaps at which no"
+    " linearised at the speed. All cars in order: the change of all time gaps at which no"
     " frequency is larger at the last follower than at the leader. With a lag or a delay, peaks"
     " that grow by less than .02 % count as stable by L∞."
 )
@@ -147,7 +202,7 @@ POLES = (
 """What poles and responses are."""
 
 
-def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
+def reasons(subject: AssessedVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
     """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
     verdicts = [
         (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
@@ -156,7 +211,7 @@ def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]
     return [*verdicts, ("The platoon", platoon_reasons(subject))] if len(verdicts) > 1 else verdicts
 
 
-def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
+def platoon_reasons(subject: AssessedVehicles) -> list[tuple[Verdict, str]]:
     """The platoon's verdicts by L₂, strict and weak, and by L∞, each with its reason."""
     report, names = subject.report, subject.vehicles.spoken
     verdicts, platoon = report.vehicles, report.platoon
@@ -269,7 +324,7 @@ def _strict(what: str, names: Sequence[str], verdicts: Sequence[tuple[Verdict, f
     return f"{capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
-def along_platoon(subject: KnownVehicles) -> str:
+def along_platoon(subject: AssessedVehicles) -> str:
     """How much a disturbance grows from the leader to the last of several vehicles, and why."""
     platoon = subject.report.platoon
     if platoon.l2_strict.stable:
@@ -306,13 +361,14 @@ def grown(gain: float, ends: Quantity | None = None, level: float | None = None)
 
     Args:
         gain: the largest.
-        ends: its interval, which is said in brackets.
+        ends: its interval, which is said in brackets unless it is nan.
         level: of that interval, where it is to be said, too.
     """
     if isinf(gain):
         return "without limit"
     if gain - 1.0 < LEAST_GROWTH:
         return f"by less than {100 * LEAST_GROWTH:.1f} %"
+    ends = None if ends is None or isnan(ends.lower) else ends
     parts = gain, *((ends.lower, ends.upper) if ends else ())
     if gain < FOLD:
         most, *known = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
@@ -332,7 +388,7 @@ def three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def headline(subject: KnownVehicles) -> str:
+def headline(subject: AssessedVehicles) -> str:
     """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     A verdict that the measured gain contradicts is called the model's.
@@ -342,7 +398,7 @@ def headline(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
-def behind_verdict(subject: KnownVehicles) -> str:
+def behind_verdict(subject: AssessedVehicles) -> str:
     """Probabilities of the verdict, what the measured gain has against it, and who drives."""
     known, chosen = subject.uncertainty, subject.vehicles
     against = (objection.sentence for objection in against_model(subject))
@@ -350,11 +406,11 @@ def behind_verdict(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
-def _verdicts(subject: KnownVehicles) -> Iterator[str]:
+def _verdicts(subject: AssessedVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
     for kind in _ASSESSED:
-        alike = [k for k in range(total) if subject.assessed[k] == kind]
+        alike = [k for k in range(total) if subject.assessed[k].l2.assessment == kind]
         named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
         named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
         if alike:
@@ -365,22 +421,20 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
                 yield "But peaks can still grow: see the L∞ gain."
 
 
-def most_amplifying(subject: KnownVehicles) -> str:
+def most_amplifying(subject: AssessedVehicles) -> str:
     """The vehicle that amplifies most, and by how much, in twenty words beside its name.
 
     What the measured gain contradicts is called the model's.
     """
-    assessed, spoken, vehicles = subject.assessed, subject.vehicles.spoken, subject.report.vehicles
+    spoken, vehicles = subject.vehicles.spoken, subject.report.vehicles
+    assessed = [vehicle.l2.assessment for vehicle in subject.assessed]
     judged = [k for k, kind in enumerate(assessed) if kind != "not determined"]
     if not judged:
         return "The data do not determine whether these vehicles amplify disturbances."
     amplifying = [k for k in judged if assessed[k] != "stable"]
     count, most = len(spoken), max(amplifying or judged, key=lambda k: vehicles[k].peak.gain)
-    peak, ends = vehicles[most].peak, None
-    if subject.uncertainty:
-        spread = subject.uncertainty.peak_gain
-        ends = Quantity(peak.gain, float(spread.lower[most]), float(spread.upper[most]))
-    by = f"{grown(peak.gain, ends)} at {three(peak.omega)} rad/s"
+    peak, growth = vehicles[most].peak, subject.assessed[most].l2.gain
+    by = f"{grown(growth.value, growth)} at {three(peak.omega)} rad/s"
     if not amplifying:
         whole = f"{all_of(count, 'vehicles')} damp" if count > 1 else f"{spoken[0]} damps"
         part = f"{joined([spoken[k] for k in judged])} {'damp' if len(judged) > 1 else 'damps'}"
@@ -399,7 +453,7 @@ def most_amplifying(subject: KnownVehicles) -> str:
 
 
 def becomes(
-    subject: KnownVehicles,
+    subject: AssessedVehicles,
     alike: Sequence[int],
     named: str,
     are_several: bool | None = None,
@@ -415,7 +469,7 @@ def becomes(
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
     """
-    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]], {}
+    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
@@ -427,13 +481,10 @@ def becomes(
     if kind != "unstable":
         return f"{start}{odds}."
     for k in alike:
-        peak = subject.report.vehicles[k].peak
-        ends, level = None, known.level if known and is_headline else None
-        if known:
-            spread = known.peak_gain
-            ends = Quantity(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
-        at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
-        peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
+        vehicle, level = subject.assessed[k], known.level if known and is_headline else None
+        growth, omega = vehicle.l2.gain, vehicle.stability.peak.omega if vehicle.stability else 0.0
+        at = f" at {three(omega)} rad/s" if is_headline and omega > 0 else ""
+        peaks[k] = growth.value, grown(growth.value, growth, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
         return f"{start} {peaks[most][1]}{odds}."
@@ -475,7 +526,7 @@ def _odds(stable: FloatArray) -> str:
     return f" (probability of L₂ string stability: {said}{each})"
 
 
-def criteria_differ(subject: KnownVehicles) -> str:
+def criteria_differ(subject: AssessedVehicles) -> str:
     """The vehicles that are L∞ stable by the paper's criterion only; empty where none is."""
     differing = {
         name: vehicle

@@ -13,10 +13,10 @@ from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.methods.registry import recommended_method
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
-from accpinn.results.description import name_of
 from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import about_curves as about_curves
 from accpinn.results.messages.estimate import cards
+from accpinn.results.naming import name_of
 from accpinn.results.tables.estimates import COMPARED, outside_interval
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
@@ -25,7 +25,7 @@ from accpinn.study.result import Result
 def equation(model: str) -> tuple[str, str]:
     """A model's name and equation of motion, and its symbols."""
     following = FOLLOWING[model]
-    symbols = joined([f"{p.symbol} [{p.unit}]" for p in following.parameters])
+    symbols = joined([parameter.heading for parameter in following.parameters])
     return (
         f"{following.title}: {following.equation}",
         f"p space-gap, v speed, Δv speed of the vehicle ahead minus own; parameters {symbols}",

@@ -25,10 +25,12 @@ from accpinn.results.tables import (
     interval_cells,
     percent_cells,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
+from accpinn.stability.margin import l2_margins
 from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.stability.waves import Waves
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
@@ -43,6 +45,7 @@ MARGIN_DIGITS = 4
 """Most decimals of a margin with an interval; of one that is open two less are shown."""
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
+MARGIN = Column("Margin", "s", 2, L2, key="margin_l2")
 
 
 def stability_table(
@@ -51,10 +54,11 @@ def stability_table(
     uncertainty: Uncertainty | None = None,
     checks: Sequence[GainCheck] = (),
 ) -> Table:
-    """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
+    """One row a vehicle: parameters, verdicts, peak, crossover, margin, exact gain, headways.
 
-    An uncertainty adds probabilities, the posterior's verdicts, and intervals; a verdict that the
-    measured gain contradicts is marked.
+    The margin is that of the time gap by L₂, see `stability.margin`. An uncertainty adds
+    probabilities, the posterior's verdicts, and intervals; a verdict that the measured gain
+    contradicts is marked.
 
     Examples:
         >>> import accpinn
@@ -71,6 +75,7 @@ def stability_table(
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
     bands = [v.onset for v in assessed]  # of few vehicles
     gains = [v.linf_gain for v in assessed]
+    margins = l2_margins(parameters, *((known.draws, known.level) if known else ()))
     return Table.of(
         f"String stability, {vehicles.title}",
         [
@@ -83,6 +88,7 @@ def stability_table(
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
             (BELOW, _with_ends(crossovers, known.crossover if known else None)),
+            (MARGIN, [_plain(margin.distance) for margin in margins]),
             *_posterior(LINF, known.probability_linf if known else None),
             (Column("Paper's criterion", group=LINF), [v.linf_paper.word for v in assessed]),
             (EXACT, [v.linf_exact.word for v in assessed]),
@@ -94,8 +100,8 @@ def stability_table(
 
 
 def verdicts_part(table: Table) -> Table:
-    """A `stability_table` without smallest headways, where a `margin_table` stands beside it."""
-    return table.only(lambda column: column.group != HEADWAY)
+    """A `stability_table` without headways and margin, where a `margin_table` stands beside it."""
+    return table.only(lambda column: column.group != HEADWAY and column.key != MARGIN.key)
 
 
 def criteria_part(table: Table) -> Table:
@@ -103,20 +109,21 @@ def criteria_part(table: Table) -> Table:
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
-def known_table(subject: KnownVehicles) -> Table:
+def known_table(subject: AssessedVehicles) -> Table:
     """The `stability_table` of vehicles with all that is known of them."""
     return stability_table(subject.vehicles, subject.report, subject.uncertainty, subject.checks)
 
 
-def verdict_table(subject: KnownVehicles) -> Table:
+def verdict_table(subject: AssessedVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
-    aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
+    aside = [ABOVE.title, BELOW.title, MARGIN.title, "Paper's criterion", *certain]
+    table = known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 
 
-def modes_table(subject: KnownVehicles) -> Table:
+def modes_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
     known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
     gains = [vehicle.linf_gain for vehicle in report]
@@ -145,14 +152,14 @@ def _pole(poles: NDArray[np.complex128]) -> str | None:
     return f"{first.real:.3f}" + f" ± {abs(first.imag):.3f}j" * bool(first.imag)
 
 
-def margin_table(subject: KnownVehicles) -> Table:
+def margin_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
     found = subject.margins
     rows, platoon = [*found.vehicles], found.platoon
     digits = MARGIN_DIGITS if found.level else 2
     more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
-        (Column("Vehicle"), [*subject.vehicles.labels, *(["Leader to last follower"] * len(more))]),
+        (Column("Vehicle"), [*subject.vehicles.labels, *(["All cars in order"] * len(more))]),
         (Column("Time gap", "s", 2), [*(_plain(row.time_gap) for row in rows), *more]),
     ]
     for group, norms in ((L2, [row.l2 for row in rows]), (LINF, [row.linf for row in rows])):
@@ -171,6 +178,26 @@ def margin_table(subject: KnownVehicles) -> Table:
             (Column("Margin", "s", digits, group), margins),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
+
+
+def waves_table(found: Waves) -> Table:
+    """One row a vehicle and size of a wave: how much a braking and an accelerating one grow."""
+    rows = [(name, v, k) for name, v in zip(found.names, found.vehicles, strict=True)
+            for k in range(len(v.amplitude))]  # fmt: skip
+    parts = (("Braking", "braking"), ("Accelerating", "accelerating"),
+             ("First harmonic", "harmonic"))  # fmt: skip
+    return Table.of(
+        "Growth of waves",
+        [
+            (Column("Vehicle"), [name for name, *_ in rows]),
+            (Column("Mean speed", "km/h", 0), [3.6 * v.speed for _, v, _ in rows]),
+            (Column("Size", "m/s", 1), [float(v.amplitude[k]) for _, v, k in rows]),
+            *(
+                (Column(title, "", 3), [float(getattr(v, part)[k]) for _, v, k in rows])
+                for title, part in parts
+            ),
+        ],
+    )
 
 
 def _plain(value: Quantity) -> Cell:

@@ -9,10 +9,11 @@ import pytest
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.results.cast import Cast
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import motion
 from accpinn.results.figures.style import FOLLOWERS
-from accpinn.results.vehicles import Cast
+from accpinn.stability.criteria import response
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named
 
@@ -110,10 +111,16 @@ def test_bars_of_growth_end_at_the_predicted_marks(sinusoid: PlatoonRun) -> None
     figure = figures.growth_by_vehicle(sinusoid, EIGHT)
     marks, bars = named(figure, "Predicted by |H(jω)|"), named(figure, "Simulated")
     np.testing.assert_allclose(marks.y, wave.predicted / wave.measured[0])
-    np.testing.assert_allclose(bars.y, wave.measured / wave.measured[0])
-    np.testing.assert_allclose(bars.y, marks.y, rtol=0.01)
-    assert [*bars.marker.color] == figures.colours_of(EIGHT)
-    assert [text for text in bars.text if text] == ["4.23×"]
+    growth = wave.measured / wave.measured[0]
+    np.testing.assert_allclose(bars.base + bars.y, growth[1:])
+    np.testing.assert_allclose(bars.base + bars.y, marks.y[1:], rtol=0.01)
+    np.testing.assert_allclose(bars.customdata[:, 0], growth[1:] / growth[:-1])
+    assert [*bars.marker.color] == figures.colours_of(EIGHT)[1:]
+    assert not any(bars.text), "labels of eight bars would cover each other"
+    few = figures.growth_by_vehicle(simulate_platoon(ASTAZERO.parameters, Sinusoid(0.25)), ALL)
+    labels = named(few, "Simulated").text
+    gains = np.abs(response(ASTAZERO.parameters, np.array([0.25])))[:, 0]
+    np.testing.assert_allclose([float(text[:-1]) for text in labels], gains, rtol=0.01)
 
 
 def test_growth_of_other_disturbances_is_that_of_the_largest_deviations(
@@ -122,11 +129,11 @@ def test_growth_of_other_disturbances_is_that_of_the_largest_deviations(
     braking = simulate_platoon(ASTAZERO.parameters, Brake())
     (bars,) = figures.growth_by_vehicle(braking, ALL).data
     moved = braking.largest_deviation
-    np.testing.assert_allclose(bars.y, moved / moved[0])
+    np.testing.assert_allclose(bars.base + bars.y, (moved / moved[0])[1:])
     figure = figures.growth_by_vehicle(collision, AUDIS)
     ended = named(figure, "Before the collision")
     base = collision.amplitudes.measured[0]
-    np.testing.assert_allclose(ended.y, collision.largest_deviation[5:] / base)
+    np.testing.assert_allclose(ended.base + ended.y, collision.largest_deviation[5:] / base)
     np.testing.assert_array_equal(ended.x, [5, 6, 7, 8])
     still = simulate_platoon(ASTAZERO.parameters, SpeedStep(change=0.0))
     assert np.isnan(figures.growth_by_vehicle(still, ALL).data[0].y).all()

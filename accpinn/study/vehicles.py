@@ -1,48 +1,99 @@
-"""The vehicles of a result where their string stability is shown, and what is known of them.
+"""Vehicles whose string stability is assessed: those of a result, published, or typed in.
 
-Pages, report and command line take vehicles, verdicts, intervals and the measured gain's word on
-them from here, so that they say the same.
+Pages, report and command line take vehicles, verdicts, intervals and margins from here, so that
+they show the same.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from math import isnan, nan
+from typing import Self
 
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.findings import Labelled, capital, joined
-from accpinn.inference.gain_check import LEAST, GainCheck
-from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
+from accpinn.inference.gain_check import GainCheck
+from accpinn.inference.intervals import LEVEL, Interval, Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
+from accpinn.stability import (
+    Assessment,
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+    assessment,
+    stability_report,
+)
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
-from accpinn.stability.margin import Margins, margins
+from accpinn.stability.margin import Margins, NormMargin, l2_margins, margins
 from accpinn.stability.modes import Modes, modes
+from accpinn.stability.waves import Waves, waves
 from accpinn.study.result import Result
-from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
+from accpinn.units import (
+    FloatArray,
+    MetresPerSecond,
+    Quantity,
+    RadiansPerSecond,
+    interval_ends,
+)
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
 
 
-class Objection(NamedTuple):
-    """Evidence against an estimate."""
+@dataclass(frozen=True)
+class NormAssessment:
+    """The string stability of one vehicle by one norm."""
 
-    brief: str
-    """In a few words, for a mark."""
-    sentence: str
+    assessment: Assessment
+    """By the share of posterior samples that are stable, or by the parameters alone."""
+    probability: float | None
+    """That share; None for a point."""
+    gain: Quantity
+    """max |H| by L₂ and ‖h‖₁ by L∞: 1 where nothing is amplified, infinite where a disturbance
+    grows without limit; all nan where it is not determined."""
+
+    @classmethod
+    def of(
+        cls,
+        verdict: Verdict | None,
+        gain: float,
+        place: int,
+        shares: FloatArray | None = None,
+        ends: Interval | None = None,
+    ) -> Self:
+        """From the verdict and gain of the vehicle in a place, and what samples (M,) say of all.
+
+        The verdict is None where the parameters allow none.
+        """
+        share = None if shares is None else float(shares[place])
+        if verdict is None or (share is not None and isnan(share)):
+            return cls("not determined", share, Quantity(nan, nan, nan))
+        if share is None or ends is None:
+            return cls("stable" if verdict.stable else "unstable", None, Quantity(gain, nan, nan))
+        lower, upper = float(ends.lower[place]), float(ends.upper[place])
+        return cls(assessment(share), share, Quantity(gain, lower, upper))
+
+
+@dataclass(frozen=True)
+class AssessedVehicle:
+    """The string stability of one vehicle, with intervals where it has a posterior."""
+
+    stability: VehicleStability | None
+    """That of the parameters; None where they allow none."""
+    l2: NormAssessment
+    linf: NormAssessment
+    """By the exact criterion."""
 
 
 @dataclass(frozen=True, eq=False)
-class KnownVehicles:
-    """Followers whose string stability is shown, and what is known of them."""
+class AssessedVehicles:
+    """Followers with their parameters, whose string stability is assessed."""
 
     vehicles: ParameterSet
     uncertainty: Uncertainty | None = None
@@ -78,13 +129,28 @@ class KnownVehicles:
             return False
 
     @cached_property
-    def assessed(self) -> tuple[Assessment, ...]:
-        """(M,) the verdict on each by its posterior where it is known."""
-        if not self.has_report:
-            return tuple("not determined" for _ in self.vehicles.labels)
-        if self.uncertainty:
-            return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
-        return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
+    def assessed(self) -> tuple[AssessedVehicle, ...]:
+        """(M,) the string stability of each, also where the parameters of others allow none."""
+        if self.has_report:
+            return tuple(map(self._assessed, range(len(self.vehicles)), self.report.vehicles))
+        found = (_stability_of(parameters) for parameters in self.vehicles.parameters)
+        return tuple(map(self._assessed, range(len(self.vehicles)), found))
+
+    def _assessed(self, place: int, stability: VehicleStability | None) -> AssessedVehicle:
+        drawn = self.uncertainty
+        if stability is None:
+            shares = (drawn.probability_l2, drawn.probability_linf) if drawn else (None, None)
+            nothing = [NormAssessment.of(None, nan, place, share) for share in shares]
+            return AssessedVehicle(None, *nothing)
+        l2 = (stability.l2, stability.peak.gain, place)
+        linf = (stability.linf_exact, stability.linf_gain, place)
+        if drawn is None:
+            return AssessedVehicle(stability, NormAssessment.of(*l2), NormAssessment.of(*linf))
+        return AssessedVehicle(
+            stability,
+            NormAssessment.of(*l2, drawn.probability_l2, drawn.peak_gain),
+            NormAssessment.of(*linf, drawn.probability_linf, drawn.linf_gain),
+        )
 
     @cached_property
     def margins(self) -> Margins:
@@ -103,6 +169,39 @@ class KnownVehicles:
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
+
+    def time_gap(self, place: int, speed: MetresPerSecond) -> Quantity:
+        """The time gap in s of one vehicle (0 for the first), linearised, at a speed."""
+        value = float(self.vehicles.parameters[place].time_gap(speed))
+        if self.uncertainty is None:
+            return Quantity(value, nan, nan)
+        drawn = self.uncertainty.draws[:, place].time_gap(speed)
+        lower, upper = interval_ends(drawn, self.uncertainty.level)
+        return Quantity(value, float(lower), float(upper))
+
+    @cached_property
+    def waves(self) -> Waves | None:
+        """The growth of waves by size and direction; None under a CTHP, where all grow alike.
+
+        It is that of `Result.waves` where the vehicles are those of one estimate.
+        """
+        vehicles, theta = self.vehicles, self.vehicles.parameters.nonlinear
+        if not theta.size:
+            return None
+        speeds = np.full(len(vehicles), self.speed or self.median_speed)
+        if self.speed is None and self.result:
+            speeds = self.result.estimate.speeds[: len(vehicles)]
+        elif self.speed is None and self.typed_speeds:
+            speeds = np.array(self.typed_speeds)
+        model, numbers = FOLLOWING[vehicles.model], vehicles.vehicles[1:]
+        return waves(model, theta, speeds, vehicles.labels, numbers)
+
+    @property
+    def l2_margins(self) -> tuple[NormMargin, ...]:
+        """(M,) those of `margins` by L₂, which take a tenth of the time."""
+        known = self.uncertainty
+        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        return l2_margins(self.vehicles.parameters, draws, level)
 
     @property
     def modes(self) -> tuple[Modes, ...]:
@@ -132,7 +231,7 @@ class KnownVehicles:
         gain = np.abs(response(platoon, np.array([at]))).prod()
         return Quantity(float(gain), lower, upper) if np.isfinite(lower) else None
 
-    def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":
+    def at_speed(self, speed: MetresPerSecond) -> "AssessedVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
 
         The measured gain is that of the recorded speeds, so it checks nothing here.
@@ -156,46 +255,12 @@ class KnownVehicles:
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
 
 
-@dataclass(frozen=True)
-class Cast:
-    """Who drives in a simulated platoon: some vehicles, by their indices in driving order.
-
-    In the vehicles' own order each goes by its own name, otherwise by its place.
-    """
-
-    vehicles: ParameterSet
-    order: tuple[int, ...]
-    source: str = "platoon"
-
-    @property
-    def is_in_order(self) -> bool:
-        """Whether each vehicle drives once, in its own place."""
-        return self.order == tuple(range(len(self.vehicles)))
-
-    @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """(M+1,) for legends, leader first."""
-        own = [self.vehicles.labels[k] for k in self.order]
-        if not self.is_in_order:
-            own = [f"Follower {place}: {label}" for place, label in enumerate(own, 1)]
-        return ("Leader", *own)
-
-    @property
-    def numbers(self) -> tuple[str, ...]:
-        """(M+1,) in place of labels beside a line: numbers in a recording, or the places."""
-        if self.is_in_order and self.vehicles.numbered:
-            return ("L", *map(str, self.vehicles.vehicles[1:]))
-        return tuple(map(str, range(1 + len(self.order))))
-
-    def label(self, place: int) -> str:
-        """The name of the vehicle in a place, 0 for the leader, at the beginning of a sentence."""
-        return capital(self.spoken(place))
-
-    def spoken(self, place: int) -> str:
-        """The same within a sentence."""
-        if not place:
-            return "the leader"
-        return self.vehicles.spoken[place - 1] if self.is_in_order else f"follower {place}"
+def _stability_of(parameters: Parameters) -> VehicleStability | None:
+    """The string stability of one vehicle; None where its parameters allow none."""
+    try:
+        return stability_report(parameters).vehicles[0]
+    except ParameterError:
+        return None
 
 
 def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:
@@ -216,7 +281,7 @@ def by_hand(info: SegmentInfo) -> tuple[float, ...]:
     return tuple(share.get(number, 0.0) for number in info.vehicles[1:])
 
 
-def known_vehicles(result: Result) -> KnownVehicles:
+def assessed_vehicles(result: Result) -> AssessedVehicles:
     """The followers of an estimate, with the intervals and gain checks that a posterior gives."""
     info, estimate = result.info, result.estimate
     vehicles = ParameterSet(
@@ -228,7 +293,7 @@ def known_vehicles(result: Result) -> KnownVehicles:
         by_hand(info),
         estimate.model,
     )
-    return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
+    return AssessedVehicles(vehicles, result.uncertainty, result.gain_checks, result)
 
 
 def typed_vehicles(
@@ -264,37 +329,3 @@ def typed_vehicles(
             )
         following.linearised(row, speed)
     return ParameterSet(title, names, following.linearisations(values.T, speeds), model=model)
-
-
-def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[Objection]:
-    """What the measured gain has against the model for all vehicles, or those of some numbers."""
-    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    against, over = list[str](), list[str]()
-    for check in subject.checks:
-        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
-        if numbers and check.vehicle not in numbers:
-            continue
-        if check.contradiction:
-            against.append(f"{name} ({check.short})")
-        elif check.is_underrated:
-            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
-    if against:
-        said = f"The measured gain contradicts the model for {joined(against)}."
-        yield Objection("measured gain disagrees", said)
-    if over:
-        said = f"The measured gain peaks above the model's: {joined(over)}."
-        yield Objection("measured gain higher", said)
-
-
-def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
-    """What the measured gain says of each vehicle; of those without a comparison at once."""
-    none = [check for check in checks if check.frequencies < LEAST]
-    alone = [check for check in checks if check not in none or len(none) == 1]
-    said = [check.sentence(about) for check in alone]
-    if len(none) > 1:
-        named = joined([about.label(check.vehicle) for check in none])
-        said.append(
-            f"{named}: the verdicts could not be held against a measured gain, as too few"
-            " frequencies are coherent; a longer window has more."
-        )
-    return tuple(said)
