@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, chosen_model, named_keys
+from accpinn.cli.options import ALL, CASE, DASK, VARIANTS_HELP, chosen_model, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
@@ -45,9 +45,7 @@ BATCH_OPTIONS = (
     option("--model", default=BEST, metavar="NAME",
            help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}; or a script"
            " ending in .py that registers one, which each worker runs"),
-    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
-    option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place"),
-    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
+    *DASK,
     JSON,
 )  # fmt: skip
 TABLE_OPTIONS = (

@@ -82,6 +82,13 @@ MODEL = (
            metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
 THREADS = option("--threads", type=int, metavar="N", help="most processor threads for training")
+MAPPING = option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
+DASK = (
+    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
+    option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place"),
+    MAPPING,
+)
+"""Where many recordings are worked on, and how they are read."""
 RUN = (
     THREADS,
     option("--no-cache", action="store_true", help="neither read nor store results"),
