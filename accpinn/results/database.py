@@ -160,8 +160,8 @@ HEADINGS = dict(zip(GROUPABLE, _NAMED, strict=True))
 FASTEST = SPEEDS[-1]
 GAP = "Time gap"
 GROWTH = Column("Largest growth", digits=2, key="growth")
-NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
-"""Parameters in a table of 100 characters, with their decimals; else a model's first three."""
+NARROW = 2
+"""Parameters in a table of 100 characters, each with a decimal less."""
 
 
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
@@ -172,12 +172,11 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
     if not is_wide:
-        digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
             *(filled for filled in _heads(grouped) if filled[0].title != "Vehicles"),
             (Column("Time gap", "s", 2), next(_gaps(grouped))[1]),
-            *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
-              for name, count in digits.items()),
+            *((replace(column, digits=(column.digits or 1) - 1, group=""),
+               [g.span(name).value for g in groups]) for name, column in [*own.items()][:NARROW]),
             (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
         at = gap_column(FASTEST, title="time gap at").title

@@ -14,7 +14,8 @@ import numpy as np
 from accpinn.channels import MAGNITUDE, PARAMETERS
 from accpinn.errors import RecordingError
 from accpinn.findings import joined
-from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.pinn.config import PAPER_PRESETS, PRESETS, QUICK, STARTS, PresetName
+from accpinn.methods.registry import PRESET_METHOD
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import (
     ASTAZERO,
@@ -92,8 +93,8 @@ class PrintedRun:
     windows: tuple[Window, ...]
     vehicles: tuple[int, ...]
     case: Case = "II"
-    preset: str = "fast"
-    """The PiNN's preset that finds what the paper prints, in seconds."""
+    preset: PresetName = QUICK
+    """The preset that finds what the paper prints, in seconds."""
 
     def __str__(self) -> str:
         """The recording, windows and vehicles in a line."""
@@ -124,7 +125,7 @@ class PrintedRun:
             self.vehicles,
             case=self.case,
             model=PAPER,
-            method="pinn",
+            method=PRESET_METHOD.key,
             settings=PRESETS[self.preset],
         )
 
@@ -292,10 +293,11 @@ def item_of(result: Result) -> PrintedItem | None:
     """The table of the paper whose data, model and method a result has."""
     asked = result.analysis
     took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
-    made = asked.spec.model, asked.settings.get("preset")
+    if asked.spec.model != PAPER or asked.settings.get("preset") not in PAPER_PRESETS:
+        return None
     for item in ITEMS:
         run = item.run
-        if not (item.verdicts and run) or made not in ((PAPER, run.preset), (PAPER, "paper")):
+        if not (item.verdicts and run):
             continue
         is_case = asked.case == run.case or len(run.vehicles) == 2
         if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):

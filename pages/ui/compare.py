@@ -13,6 +13,7 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
 from accpinn.methods.estimate import ParameterTrack, of_window
+from accpinn.methods.pinn.config import QUICK
 from accpinn.methods.registry import COMPARED
 from accpinn.methods.state_space import EXTRA
 from accpinn.model import registry
@@ -387,7 +388,7 @@ def _show_starts(shown: _Shown) -> None:
         stop_button(task, "Stop the starts", "compare_stop_starts")
     else:
         with st.container(horizontal=True, vertical_alignment="center"):
-            preset = segments("Preset of the starts", TITLE_OF, "fast", "compare_preset", workspace)
+            preset = segments("Preset of the starts", TITLE_OF, QUICK, "compare_preset", workspace)
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
                 workspace.train_starts(preset)
                 st.rerun()

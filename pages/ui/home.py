@@ -6,6 +6,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.methods.pinn.config import DEFAULT
 from accpinn.model.published import PUBLISHED
 from accpinn.recordings import files
 from accpinn.results.figures.recording import speeds_thumbnail
@@ -92,7 +93,7 @@ def _ways_in(workspace: Workspace, is_first: bool) -> None:
         button(
             workspace, "Train a sample now", frame.TRAIN, "home_train", width="stretch",
             type="primary" if is_first else "secondary", icon="play_arrow",
-            act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, "calibrated"),
+            act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, DEFAULT),
             help="Opens the first sample, three synthetic followers on a motorway, and trains on"
             " its windows in car-following by the recommended method; the result comes within"
             " seconds.",

@@ -18,7 +18,7 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.findings import joined
-from accpinn.methods.pinn.config import PresetName
+from accpinn.methods.pinn.config import PAPER_PRESETS, QUICK, PresetName
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO, ParameterSet
 from accpinn.model.registry import PAPER
@@ -324,7 +324,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
     elif item.sample:
         button(
             workspace, "Train the sample", frame.TRAIN, f"paper_{key}_sample", icon="play_arrow",
-            act=lambda: train_sample(workspace, path, "fast", run.case if run else None),
+            act=lambda: train_sample(workspace, path, QUICK, run.case if run else None),
             help="Opens the synthetic recording made from the printed parameters, and trains on"
             " it.",
         )  # fmt: skip
@@ -392,7 +392,7 @@ def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    workspace.train_starts("fast")
+    workspace.train_starts(QUICK)
 
 
 def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
@@ -405,7 +405,7 @@ def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)
         and entry.model == PAPER
-        and entry.preset in (run.preset, "paper")
+        and entry.preset in PAPER_PRESETS
     ]
 
 

@@ -2,7 +2,6 @@
 
 import math
 from contextlib import suppress
-from functools import lru_cache
 from typing import Any
 
 import plotly.graph_objects as go
@@ -13,7 +12,7 @@ from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate
-from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.pinn.config import PRESET_INFOS, PRESETS, STARTS
 from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import TITLES, has_terms_of
@@ -30,7 +29,7 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import banner, show_estimate, show_result, theatre
 from pages.ui.components.show import bound, escape_markdown, pick, segments, select
 from pages.ui.data.views import show_validation
-from pages.ui.session.resources import segment_of, store
+from pages.ui.session.resources import cached, segment_of, store
 from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
@@ -62,37 +61,36 @@ WEIGHT_PHYSICS = (
     " model, a smaller one to the data."
 )
 WEIGHT_DATA = "Of the squared distance of the network's curves from the data."
-EVERY, PAPERS, OTHERS = "calibrated fast paper", "fast paper", "calibrated fast"
-OPTIONS: dict[str, tuple[str, float, str, str]] = {
-    "iterations": ("Iterations, at most", 100, EVERY, "Of the optimiser Adam, or rounds of"
+OPTIONS: dict[str, tuple[str, float, str]] = {
+    "iterations": ("Iterations, at most", 100, "Of the optimiser Adam, or rounds of"
                    " the calibrated preset's search. The fast and calibrated presets end earlier"
                    " once α, β and τ stand still."),
-    "seed": ("Seed", 1, EVERY, "Of the network's random initial weights and of the instants drawn"
+    "seed": ("Seed", 1, "Of the network's random initial weights and of the instants drawn"
              " at random. The same seed gives the same result."),
-    "learning_rate": ("Learning rate", 0.001, PAPERS, "Adam's step. Larger is faster, until the"
+    "learning_rate": ("Learning rate", 0.001, "Adam's step. Larger is faster, until the"
                       " loss no longer falls; the paper's is 0.001."),
-    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, PAPERS, "Of the squared error"
+    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, "Of the squared error"
                        " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
-    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, PAPERS, START_HELP)
+    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, START_HELP)
        for k, parameter in enumerate(PARAMETERS)},
-    "weight_physics-0": ("Q: weight of dp/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_physics-1": ("Q: weight of dv/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_data-0": ("S: weight of gaps in the data loss", 0.1, PAPERS, WEIGHT_DATA),
-    "weight_data-1": ("S: weight of speeds in the data loss", 0.1, PAPERS, WEIGHT_DATA),
-    "layers": ("Hidden layers", 1, EVERY, "Of the network; the paper's has three. A smaller network"
+    "weight_physics-0": ("Q: weight of dp/dt in the physics loss", 0.1, WEIGHT_PHYSICS),
+    "weight_physics-1": ("Q: weight of dv/dt in the physics loss", 0.1, WEIGHT_PHYSICS),
+    "weight_data-0": ("S: weight of gaps in the data loss", 0.1, WEIGHT_DATA),
+    "weight_data-1": ("S: weight of speeds in the data loss", 0.1, WEIGHT_DATA),
+    "layers": ("Hidden layers", 1, "Of the network; the paper's has three. A smaller network"
                " is quicker, and the curves follow the data less closely."),
-    "width": ("Neurons per layer", 10, EVERY, "The paper's have sixty."),
-    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "paper", "The paper suggests them for"
+    "width": ("Neurons per layer", 10, "The paper's have sixty."),
+    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "The paper suggests them for"
                          " the last digits, but reports none."),
-    "test_share": ("Share kept for testing", 0.05, "paper", "Instants drawn at random that the loss"
+    "test_share": ("Share kept for testing", 0.05, "Instants drawn at random that the loss"
                    " does not see; their loss is reported."),
-    "highest_frequency": ("Highest frequency [Hz]", 0.05, OTHERS, "The network's curves cannot move"
+    "highest_frequency": ("Highest frequency [Hz]", 0.05, "The network's curves cannot move"
                           " faster than this. Platoons move below 0.1 Hz; the calibrated preset"
                           " resolves 0.5 Hz to tell noise from motion."),
-    "batch": ("Instants per iteration", 100, "fast", "Drawn at random for each step of Adam."),
+    "batch": ("Instants per iteration", 100, "Drawn at random for each step of Adam."),
 }  # fmt: skip
-"""Label, step, presets that use it and meaning of the fields in their order, by setting, and by
-place in the setting where it has several numbers."""
+"""Label, step and meaning of the fields in their order, by setting, and by place in the setting
+where it has several numbers."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -202,7 +200,7 @@ def _segments(workspace: Workspace, asked: Analysis) -> Segments:
     return workspace.segments
 
 
-@lru_cache(maxsize=8)  # each training at one time needs one
+@cached
 def _of_point(
     training: Task[Result], point: Estimate, segments: Segments, recording: Recording | None
 ) -> Result:
@@ -211,7 +209,7 @@ def _of_point(
     return result_of(training.analysis, segments, point, recording)
 
 
-@lru_cache(maxsize=8)
+@cached
 def _live_figures(
     training: Task[Result], segment: Segment, follower: int, truth: Parameters | None, step: int
 ) -> tuple[go.Figure, go.Figure]:
@@ -320,7 +318,8 @@ def _show_options(workspace: Workspace) -> None:
     preset = workspace.preset
     changes = workspace.settings.setdefault(preset, {})
     settings = PRESETS[preset].to_json() | changes
-    fields = {name: field for name, field in OPTIONS.items() if preset in field[2].split()}
+    unused = PRESET_INFOS[preset].unused
+    fields = {k: field for k, field in OPTIONS.items() if k.partition("-")[0] not in unused}
     count = len(fields) + 1 + ("initial-0" in fields)
     places = [column for _ in range(math.ceil(count / 4)) for column in st.columns(4)]
 
@@ -348,7 +347,7 @@ def _show_options(workspace: Workspace) -> None:
             now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
             place=places.pop(4), help=START_HELP,
         )  # fmt: skip
-    for column, (name, (label, step, _, explained)) in zip(places, fields.items(), strict=False):
+    for column, (name, (label, step, explained)) in zip(places, fields.items(), strict=False):
         number(column, name, label, step, explained)
     with places[-1]:
         st.space("stretch")

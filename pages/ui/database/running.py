@@ -10,7 +10,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import ConfigError
-from accpinn.methods.registry import VARIANTS
+from accpinn.methods.registry import VARIANTS, recommended_method
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
 from accpinn.recordings.containers import LIMIT_BYTES
@@ -38,7 +38,6 @@ REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
            math.inf: "whole stretches"}  # fmt: skip
-DEFAULT_METHODS = ("pinn",)
 ALL = "all recordings"
 KEPT_CHOICES = ("database_by", "database_tabs")
 """Choices among those of this page that hold for another study, too."""
@@ -183,7 +182,7 @@ def show_form(workspace: Workspace) -> None:
     )  # fmt: skip
     methods = st.multiselect(
         "Methods", list(VARIANTS), format_func=title_of_variant,
-        **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
+        **kept(workspace, "database_methods", [recommended_method()], default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1.6, 1, 1), vertical_alignment="bottom")
     window = select(

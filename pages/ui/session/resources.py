@@ -2,12 +2,12 @@
 
 import logging
 import os
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Hashable, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, wraps
 from math import inf, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -34,8 +34,8 @@ from pages.ui.server import is_open
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_CHOICES, KEPT_WINDOWS = 16, 64
-"""The latest choices of recording and vehicles, and of windows, for which is kept what follows."""
+KEPT_VALUES = 128
+"""Values that are kept of all functions with `cached` together."""
 TASK_VARIABLE, BATCH_VARIABLE = "ACCPINN_TASK_MINUTES", "ACCPINN_BATCH_MINUTES"
 """Environment variables with the longest time of a training, comparison or download, and of a
 batch, in minutes; "inf" for none."""
@@ -53,9 +53,28 @@ TITLES = {
 }
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 once = st.cache_resource(show_spinner=False)
-"""What is made once, for all browsers."""
+"""Decorates a function that makes one object for all browsers."""
 store, library = once(Store), once(Library)
+
+
+@lru_cache(maxsize=KEPT_VALUES)
+def _value(function: Callable[..., Any], *arguments: Hashable, **named: Hashable) -> Any:
+    return function(*arguments, **named)
+
+
+def cached(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function of immutable objects: the app's one bounded cache keeps its values."""
+
+    @wraps(function)
+    def look_up(*arguments: P.args, **named: P.kwargs) -> R:
+        value: R = _value(function, *arguments, **named)
+        return value
+
+    return look_up
 
 
 @once
@@ -198,7 +217,7 @@ def _tables(root: Path) -> list[Path]:
 # What follows for a recording that is open, computed once
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def truth_of(recording: Recording) -> Truth | None:
     """A sample's true parameters; None of any other recording."""
     for path in (path for path in samples() if path.name == recording.source):
@@ -208,7 +227,7 @@ def truth_of(recording: Recording) -> Truth | None:
     return None
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def whole_drive(
     recording: Recording, vehicles: tuple[int, ...]
 ) -> tuple[Segment, Regimes, Information]:
@@ -218,7 +237,7 @@ def whole_drive(
     return whole, regimes, Information.of(whole, regimes)
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
     """The windows in which all followers are in car-following; empty for fewer than two."""
     with suppress(SegmentError):
@@ -227,7 +246,7 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@lru_cache(maxsize=KEPT_WINDOWS)
+@cached
 def segment_of(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
@@ -240,7 +259,7 @@ def segment_of(
     return segment
 
 
-@lru_cache(maxsize=KEPT_WINDOWS)
+@cached
 def rated(recording: Recording, segment: Segment) -> tuple[Rating, ...]:
     """What a window is worth."""
     return rate(segment, recording, assess_quality(segment))
@@ -265,7 +284,7 @@ def rated_windows(
     return tuple(row(number, window) for number, window in enumerate(windows, 1))
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def judged_subjects(
     recording: Recording, vehicles: tuple[int, ...], window: Window
 ) -> tuple[Subject, ...]:

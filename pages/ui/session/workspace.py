@@ -10,7 +10,7 @@ from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
 from accpinn.methods.pinn.config import DEFAULT, PRESET_INFOS, PRESETS, PinnConfig, PresetName
-from accpinn.methods.registry import METHODS, VARIANTS, recommended_method, variant_name
+from accpinn.methods.registry import PRESET_METHOD, VARIANTS, recommended_method, variant_name
 from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
@@ -175,7 +175,7 @@ class Workspace:
         return self._spec_of(self.preset)
 
     def _spec_of(self, preset: PresetName) -> ModelSpec:
-        return self.specs.get(preset, METHODS["pinn"].usual_spec(PRESETS[preset]))
+        return self.specs.get(preset, PRESET_METHOD.usual_spec(PRESETS[preset]))
 
     def analysis(self, preset: PresetName | None = None) -> Analysis | None:
         """What a training by a preset, by default the chosen one, would answer.
@@ -194,10 +194,12 @@ class Workspace:
             asked = analysis_of(self.restored.segments, asked)
         else:
             return None
-        if preset == DEFAULT and (method := recommended_method(asked.spec.model)) != "pinn":
-            return asked.with_method(method)
+        if preset == DEFAULT:
+            method = recommended_method(asked.spec.model)
+            if method != PRESET_METHOD.key:
+                return asked.with_method(method)
         settings = PRESETS[preset].to_json() | self.settings.get(preset, {})
-        return asked.with_method("pinn", PinnConfig.from_json(settings))
+        return asked.with_method(PRESET_METHOD.key, PinnConfig.from_json(settings))
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
@@ -364,7 +366,7 @@ class Workspace:
         """Choose all that an analysis asks, as far as page Train offers its method."""
         self.asked = replace(asked, windows=(asked.window,))
         self.window_starts = _starts(asked)
-        if asked.method == "pinn":
+        if asked.method == PRESET_METHOD.key:
             with suppress(ConfigError):
                 config = PinnConfig.from_json(asked.settings)
                 self.preset, self.settings[config.preset] = config.preset, config.changes()
@@ -508,7 +510,7 @@ class Workspace:
 
     def compare(self) -> None:
         """Queue all methods on the windows."""
-        asked = self.analysis("calibrated")
+        asked = self.analysis(DEFAULT)
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self.segments)
