@@ -93,7 +93,7 @@ def show_page(workspace: Workspace) -> None:
         models.show_models(workspace, about)
         return
     windows = [segment.window for segment in data]
-    about.caption(frame.segment_line(data[0], workspace.asked.case, windows))
+    about.caption(frame.segment_line(data[0], workspace.selection.case, windows))
     with place:
         _show_start(workspace, data)
     if task:

@@ -18,7 +18,8 @@ from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
 from pages.ui.session.resources import FIRST_SAMPLE, sample_title, samples
-from pages.ui.session.sessions import Shown, go_on, recent_sessions, results_to_see
+from pages.ui.session.saved import results_to_see
+from pages.ui.session.sessions import Shown, go_on, recent_sessions
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_runs
 

@@ -380,7 +380,7 @@ def train_sample(
     """Open a sample, and train on it by a preset."""
     open_file(workspace, path)
     workspace.preset = preset
-    workspace.choose(case=case or workspace.asked.case)
+    workspace.choose(case=case or workspace.selection.case)
     workspace.train()
 
 

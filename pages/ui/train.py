@@ -111,7 +111,7 @@ def _show_training(workspace: Workspace) -> None:
     banner(workspace)
     is_active = training is not None and training.is_active
     windows = result.analysis.windows if result and not is_active else workspace.windows
-    st.caption(frame.segment_line(segment, workspace.asked.case, windows))
+    st.caption(frame.segment_line(segment, workspace.selection.case, windows))
     show.not_acc(segment)
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = result is not None and not is_active

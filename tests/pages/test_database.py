@@ -21,7 +21,7 @@ from accpinn.study.supplied import read_about, supplied_study
 from accpinn.tasks import Status, batches
 from pages.ui.database import own
 from pages.ui.database import page as database_page
-from pages.ui.session import sessions
+from pages.ui.session import users
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import WAIT, Page, open_page, until
 from tests.support.openacc_files import csv, metadata, platoon
@@ -221,7 +221,7 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
     assert session.recording.source == "mine.csv"
-    assert (session.asked.vehicles, session.asked.window) == ((1, 2, 3), Window(10.0, 70.0))
+    assert (session.selection.vehicles, session.selection.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert session.segment is not None
     # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")
@@ -317,7 +317,7 @@ def test_a_stranger_s_studies_are_listed_to_nobody_else_and_a_link_shows_one_wit
 ) -> None:
     def be(browser: str) -> None:
         cookie = {"Host": "app.lab.org", "Cookie": f"accpinn_browser={browser * 22}"}
-        monkeypatch.setattr(sessions, "connection_headers", lambda: cookie)
+        monkeypatch.setattr(users, "connection_headers", lambda: cookie)
 
     be("a")
     page = with_form(opened())

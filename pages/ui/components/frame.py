@@ -28,14 +28,10 @@ from pages.ui.session.sessions import (
     begin_own,
     current,
     enter,
-    is_admin,
     is_others,
-    is_shared,
-    may_use,
-    recognise,
     training_elsewhere,
-    user,
 )
+from pages.ui.session.users import is_admin, is_shared, may_use, recognise, user
 from pages.ui.session.workspace import Left, Workspace
 
 HERE = Path(__file__).parent
@@ -317,7 +313,7 @@ def session_state(workspace: Workspace) -> list[str]:
     if restored and restored.id:
         lines.insert(0, f"**Snapshot** {escape_markdown(restored.name[:60] or restored.id)}")
     if info := workspace.info:
-        case = f", Case {workspace.asked.case}" if info.followers > 1 else ""
+        case = f", Case {workspace.selection.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         windows = workspace.several_windows
         if restored and not recording:

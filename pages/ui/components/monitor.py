@@ -10,7 +10,7 @@ from accpinn.methods.forecast import INTERVALS, SETTLED, VARIATION
 from accpinn.tasks import Status, Task
 from pages.ui.components import show
 from pages.ui.session.resources import queue_of
-from pages.ui.session.sessions import sees_all
+from pages.ui.session.users import sees_all
 
 UNITS = {INTERVALS: "window", VARIATION: "follower"}
 """What is counted in a phase; iterations in those that are not here, and nothing in others."""

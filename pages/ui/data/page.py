@@ -102,11 +102,11 @@ def show_page(workspace: Workspace) -> None:
         with popover:
             choose_source(workspace)
     banner(workspace)
-    whole, regimes, information = whole_drive(recording, workspace.asked.vehicles)
-    every = windows_in_car_following(recording, workspace.asked.vehicles)
+    whole, regimes, information = whole_drive(recording, workspace.selection.vehicles)
+    every = windows_in_car_following(recording, workspace.selection.vehicles)
     rows: tuple[RatedWindow, ...] = ()
     if used := workspace.several_windows:
-        asked = workspace.asked
+        asked = workspace.selection
         rows = rated_windows(recording, every, used, asked.vehicles, asked.excluded)
     with st.container(key="later_1_data"):
         _controls(workspace, recording, information, len(every))
@@ -164,7 +164,7 @@ def _controls(
     workspace: Workspace, recording: Recording, information: Information, count: int
 ) -> None:
     """Vehicles and Case, all of the ``count`` windows or one, and that one window."""
-    has_cases, is_one = len(workspace.asked.vehicles) > 2, not workspace.several_windows
+    has_cases, is_one = len(workspace.selection.vehicles) > 2, not workspace.several_windows
     has_choice = count > 0
     widths = [1.3, 1.3]
     widths += [1.1] if has_cases else []
@@ -179,7 +179,7 @@ def _controls(
     if has_cases:
         with columns[2]:
             segments(
-                "Case", {"I": "I: shared", "II": "II: own"}, workspace.asked.case, "data_case",
+                "Case", {"I": "I: shared", "II": "II: own"}, workspace.selection.case, "data_case",
                 lambda case: workspace.choose(case=case), labelled=True,
                 help="  \n".join(CASES.values()),
             )  # fmt: skip
@@ -218,7 +218,7 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
         for chain in chains(recording)
         for position, leader in enumerate(chain[:-1])
     }
-    first, *_, end = workspace.asked.vehicles
+    first, *_, end = workspace.selection.vehicles
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{place}_{recording.sha256[:12]}" for place in ("leader", "last"))
 
@@ -245,13 +245,13 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
         workspace.choose(window=Window(start, start + length))
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
-    now = workspace.asked.window
+    now = workspace.selection.window
     fields = (
         ("Window starts at [s]", "data_start", now.start, recording.duration,
-         lambda start: choose(start, workspace.asked.window.duration),
+         lambda start: choose(start, workspace.selection.window.duration),
          "In the recording's time, from its first sample."),
         ("and lasts [s]", "data_length", now.duration, float(ceil(recording.duration)),
-         lambda length: choose(workspace.asked.window.start, length),
+         lambda length: choose(workspace.selection.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
     for column, (label, key, value, most, moved, help_text) in zip(columns, fields, strict=True):
@@ -263,14 +263,14 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
     """The window that tells most, why, and the button that takes it."""
-    suggestion = suggest_window(recording, workspace.asked.vehicles, information)
+    suggestion = suggest_window(recording, workspace.selection.vehicles, information)
     if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
             help="No stretch is complete with every follower in car-following.",
         )  # fmt: skip
         return
-    taken = suggestion.window == workspace.asked.window
+    taken = suggestion.window == workspace.selection.window
     label = "As suggested" if taken else f"Suggested: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
@@ -300,7 +300,7 @@ def _show_overview(
 
     Dragging over the chart, or the handles below, set the one.
     """
-    (leader, *followers), highlight = workspace.asked.vehicles, 0
+    (leader, *followers), highlight = workspace.selection.vehicles, 0
     with st.container(horizontal=True, vertical_alignment="center"):
         view = segments(
             "Drawn", VIEWS, "motion", "data_view", workspace,
@@ -329,12 +329,11 @@ def _show_overview(
         if window := window_of(ends, recording):
             workspace.choose(window)
 
-    drivers = figures.driver_ribbons(recording, workspace.asked.vehicles)
+    drivers = figures.driver_ribbons(recording, workspace.selection.vehicles)
     driving = figures.regime_ribbons(whole, regimes)
-    figure = figures.overview(
-        recording, workspace.asked.vehicles, workspace.asked.window, (drivers, driving), view,
-        highlight, rows,
-    )  # fmt: skip
+    vehicles, window = workspace.selection.vehicles, workspace.selection.window
+    ribbons = drivers, driving
+    figure = figures.overview(recording, vehicles, window, ribbons, view, highlight, rows)
     if rows:
         show.chart(figure, f"{CHART}_windows", TOOLS_OF_SEVERAL)
     else:
@@ -354,7 +353,7 @@ def _show_overview(
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
-    asked = workspace.asked.vehicles
+    asked = workspace.selection.vehicles
     names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
     entries = [(name, vehicle_colour(n, leader)) for n, name in names.items()]
     show.key(entries, faint=[name for n, name in names.items() if n not in asked])
@@ -364,7 +363,7 @@ def _handles(
     workspace: Workspace, recording: Recording, take: Callable[[Sequence[float]], None]
 ) -> None:
     """The window's two ends, below the axis of time."""
-    window = workspace.asked.window
+    window = workspace.selection.window
     with st.container(key="data_handles"):
         st.slider(
             "Window [s]; drag an end, or drag over the chart", min_value=0.0,
@@ -460,7 +459,7 @@ def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
-        parts.append(f"Case {workspace.asked.case}")
+        parts.append(f"Case {workspace.selection.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
         asked = workspace.analysis()
     is_usable = segment is not None and not any(row.fault for row in rows if row.is_used)

@@ -39,7 +39,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         st.caption("The window cannot be used yet.")
         return
     quality = assess_quality(segment)
-    estimate = least_squares.fit((segment,), workspace.asked.case)
+    estimate = least_squares.fit((segment,), workspace.selection.case)
     st.markdown(f"**Preview of the window {segment.window}**")
     if workspace.recording is None:
         show.not_acc(segment)
@@ -103,7 +103,7 @@ def show_about(recording: Recording) -> None:
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares of the window, or of the windows together, and the user's choice."""
-    vehicles, excluded = workspace.asked.vehicles, workspace.asked.excluded
+    vehicles, excluded = workspace.selection.vehicles, workspace.selection.excluded
     try:  # with all their instants, whatever is left out now
         parts = [segment_of(recording, window, vehicles, ()) for window in workspace.windows]
     except SegmentError:
@@ -120,7 +120,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         for name in EXCLUDABLE:
 
             def ticked(on: bool, name: str = name) -> None:
-                left_out = {*workspace.asked.excluded} - {name} | ({name} if on else set())
+                left_out = {*workspace.selection.excluded} - {name} | ({name} if on else set())
                 workspace.choose(excluded=tuple(n for n in EXCLUDABLE if n in left_out))
 
             shown = bound(f"data_exclude_{name}", name in excluded, ticked)
@@ -151,7 +151,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
     chosen = known[sha256]
-    followers = len(workspace.asked.vehicles) - 1
+    followers = len(workspace.selection.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
         for chain in chains(chosen)
@@ -160,7 +160,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     if not platoons:
         st.caption(f"{names[sha256]} has no platoon with {followers} followers.")
         return
-    same = workspace.asked.vehicles[0]
+    same = workspace.selection.vehicles[0]
     leader = columns[1].selectbox(
         "Leader there", list(platoons), index=list(platoons).index(same) if same in platoons else 0,
         format_func=chosen.label, key=f"data_validation_leader_{chosen.sha256[:12]}",
@@ -189,8 +189,10 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                 " in which errors are larger. To keep one for validation, switch it off above, or"
                 " open another recording of these vehicles."
             )
-    first = spare[0] if spare else first_window(chosen, stretches, workspace.asked.window.duration)
-    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.asked.window}"
+    first = (
+        spare[0] if spare else first_window(chosen, stretches, workspace.selection.window.duration)
+    )
+    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.selection.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
         key=f"data_validation_start_{key}", help="In that recording's time.",

@@ -18,7 +18,7 @@ from accpinn.storage import folder, reported, write_whole
 from accpinn.study.studies import DROPPED, FILE, StudyError, state_of, study_path
 from accpinn.study.supplied import supplied_study
 from pages.ui.session.resources import batch_queue
-from pages.ui.session.sessions import is_admin, owner_mark, sees_all
+from pages.ui.session.users import is_admin, owner_mark, sees_all
 
 OWNERS, LINKS, LINK = "_", "_links", ".link"
 """What the name of a user's folder begins with, the folder of links, and in a study the file with

@@ -71,7 +71,7 @@ def cached(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def look_up(*arguments: P.args, **named: P.kwargs) -> R:
-        value: R = _value(function, *arguments, **named)
+        value: R = _value(function, *arguments, **named)  # type: ignore[arg-type]
         return value
 
     return look_up

@@ -31,7 +31,8 @@ from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
-from pages.ui.session.sessions import DIGEST, own_result
+from pages.ui.session.saved import own_result
+from pages.ui.session.sessions import DIGEST
 from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]

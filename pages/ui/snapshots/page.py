@@ -20,13 +20,9 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.resources import library, opened
-from pages.ui.session.sessions import (
-    SNAPSHOT,
-    may_delete,
-    own_snapshots,
-    owner_mark,
-    readable_snapshots,
-)
+from pages.ui.session.saved import may_delete, own_snapshots, readable_snapshots
+from pages.ui.session.sessions import SNAPSHOT
+from pages.ui.session.users import owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
