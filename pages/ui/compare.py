@@ -72,8 +72,8 @@ class _Shown:
     def adequacy(self) -> Adequacy:
         """The forms of the model, by the comparison or by its first row."""
         task = self.workspace.comparison
-        found = (part for part in (task.results if task else ()) if isinstance(part, Adequacy))
-        return next(found, None) or self.rows[0].adequacy
+        forms = (part for part in (task.results if task else ()) if isinstance(part, Adequacy))
+        return next(forms, None) or self.rows[0].adequacy
 
 
 def show_page(workspace: Workspace) -> None:
@@ -269,20 +269,20 @@ def _show_course(shown: _Shown) -> None:
 
 def _choose_earlier(shown: _Shown) -> list[figures.Row]:
     """Earlier estimates of the session to lay over the chart."""
-    known: dict[str, figures.Row] = {}
+    rows: dict[str, figures.Row] = {}
     for row in reversed(shown.workspace.earlier):
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
-            title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = figures.row_of(row, follower)._replace(name=title)
-    if not known:
+            title = f"{len(rows) + 1}. {tables.earlier_title(row)}"
+            rows[title] = figures.row_of(row, follower)._replace(name=title)
+    if not rows:
         return []
     with st.popover("Earlier estimates", icon=":material/history:"):
         chosen = st.multiselect(
-            "Earlier estimates to lay over the chart", list(known), key="compare_earlier",
-            max_selections=MOST, placeholder=f"{len(known)} kept",
+            "Earlier estimates to lay over the chart", list(rows), key="compare_earlier",
+            max_selections=MOST, placeholder=f"{len(rows)} kept",
         )  # fmt: skip
-    return [known[name] for name in chosen if name in known]
+    return [rows[name] for name in chosen if name in rows]
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
@@ -351,10 +351,10 @@ def _show_adequacy(shown: _Shown) -> None:
 
 def _show_residual(shown: _Shown, row: Result) -> None:
     """What the model leaves unexplained: its memory, and what it has to do with the car ahead."""
-    found = residual_correlations(shown.segment, row.estimate, shown.follower)
-    if found is None:
+    correlograms = residual_correlations(shown.segment, row.estimate, shown.follower)
+    if correlograms is None:
         return
-    show.chart(figures.residual(found, shown.colour), "compare_residual")
+    show.chart(figures.residual(correlograms, shown.colour), "compare_residual")
     show.caption(
         f"Residual of dv/dt by {name_of(row.estimate)}. Dashed: by chance alone,"
         f" {100 * CONFIDENCE:.0f} % of the bars lie between.",
@@ -371,8 +371,8 @@ def _show_disturbance(shown: _Shown, row: Result) -> None:
         return
     figure = tracking(shown.segment, shown.follower, disturbance=values)
     show.chart(figure, "compare_disturbance")
-    said = " ".join(about_curves(row, shown.follower))
-    st.caption(f"{escape_markdown(said)} Shown is its most probable course, given all data.")
+    sentences = " ".join(about_curves(row, shown.follower))
+    st.caption(f"{escape_markdown(sentences)} Shown is its most probable course, given all data.")
 
 
 def _show_repeatability(shown: _Shown) -> None:

@@ -68,8 +68,8 @@ def _show_open(workspace: Workspace) -> None:
     has_result = bool(workspace.training or workspace.restored)
     with st.container(horizontal=True, vertical_alignment="center", key="home_open"):
         brief = (line for line in frame.session_state(workspace) if not line.startswith(IN_SIDEBAR))
-        said = " · ".join(brief)
-        st.markdown(f":material/folder_open: {said}", width="content")
+        line = " · ".join(brief)
+        st.markdown(f":material/folder_open: {line}", width="content")
         label = "Back to the result" if has_result else "Back to the recording"
         frame.link(frame.TRAIN if has_result else frame.DATA, label, workspace)
 

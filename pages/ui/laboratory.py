@@ -45,8 +45,8 @@ def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicle
     """
     shown = source
     with st.container(horizontal=True, vertical_alignment="center"):
-        said = escape_markdown(words.most_amplifying(source))
-        st.markdown(f"##### {said}", width="stretch")
+        sentence = escape_markdown(words.most_amplifying(source))
+        st.markdown(f"##### {sentence}", width="stretch")
         if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the response and of the model beside the measured gain, and posterior"

@@ -163,9 +163,9 @@ def _show_next(workspace: Workspace) -> None:
     frame.link(frame.PLATOON, "Platoon", workspace)
 
 
-def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond) -> None:
+def _show_follower(workspace: Workspace, judgement: Judgement, speed: MetresPerSecond) -> None:
     """The details of one car."""
-    table, stem = judged_table(one, speed), Path(one.info.source).stem
+    table, stem = judged_table(judgement, speed), Path(judgement.info.source).stem
 
     def show_numbers() -> None:
         show.table(table)
@@ -173,8 +173,8 @@ def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond)
         show.downloads(table, f"{stem}_models", "models")
 
     def show_speeds() -> None:
-        low, _, high = one.speeds
-        figure = figures.peak_over_speed(figures.followers_of(one), (low, high), speed)
+        low, _, high = judgement.speeds
+        figure = figures.peak_over_speed(figures.followers_of(judgement), (low, high), speed)
         show.chart(figure, "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
@@ -182,13 +182,13 @@ def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond)
         )
 
     def show_parameters() -> None:
-        parameters = model_parameters_table(one)
+        parameters = model_parameters_table(judgement)
         show.table(parameters)
         show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
 
     tabs(workspace, "models_tabs", {
         "Numbers": show_numbers,
-        "Windows": lambda: show.chart(figures.errors_by_window(one), "models_errors"),
+        "Windows": lambda: show.chart(figures.errors_by_window(judgement), "models_errors"),
         "Peak over speed": show_speeds,
         "Parameters": show_parameters,
     })  # fmt: skip

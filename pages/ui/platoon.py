@@ -155,8 +155,8 @@ def _show_details(
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
     chosen, driving = source.vehicles, sorted({*cast.order})
     st.markdown(f"##### {escape_markdown(source.origin)}")
-    said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
-    details = " ".join(filter(None, said))
+    sentences = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
+    details = " ".join(filter(None, sentences))
     if recorded:
         leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
         details = (
@@ -165,11 +165,11 @@ def _show_details(
             " page Stability."
             f" {details}"
         )
-    there, speed = source, run.leader.speed
+    at_speed, speed = source, run.leader.speed
     if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
-        there = source.at_speed(speed)
-    if there.uncertainty:
-        odds = probabilities(chosen, there.uncertainty, driving)
+        at_speed = source.at_speed(speed)
+    if at_speed.uncertainty:
+        odds = probabilities(chosen, at_speed.uncertainty, driving)
         by = SEVERAL if source.cars else "Simulated with the estimated parameters."
         details += f" {by} {odds}"
     elif not source.result:
@@ -277,8 +277,8 @@ def _choose_order(
         "Followers, first to last", **bound("platoon_own", text, workspace.keep("platoon_own")),
         help="Numbers and ranges: 1-3, 2, 2", width=200,
     )  # fmt: skip
-    said = (f"{k} = {escape_markdown(label)}" for k, label in enumerate(chosen.labels, 1))
-    numbers.caption(" · ".join(said))
+    legend = (f"{k} = {escape_markdown(label)}" for k, label in enumerate(chosen.labels, 1))
+    numbers.caption(" · ".join(legend))
     return parse_order(text, len(chosen))
 
 

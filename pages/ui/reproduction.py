@@ -156,8 +156,8 @@ def _show_missing(campaign: str, file: str, titles: list[str]) -> None:
         st.session_state[frame.TURN] = frame.DATA
 
     with st.container(horizontal=True, vertical_alignment="center"):
-        said = f"{_tables(titles)} {campaign}/{file}, which is not on this server."
-        st.markdown(f":orange[:material/database:] {escape_markdown(said)}", width="content")
+        need = f"{_tables(titles)} {campaign}/{file}, which is not on this server."
+        st.markdown(f":orange[:material/database:] {escape_markdown(need)}", width="content")
         st.button(
             "Download it on Data", key=f"paper_get_{show.stem_of(file)}", type="tertiary",
             icon=":material/download:", on_click=choose,
@@ -227,8 +227,8 @@ def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go
 
 def _unbroken(text: str) -> str:
     """A cell for a web page, in which no line breaks behind a letter or within a range."""
-    kept = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
-    return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
+    unbroken = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    return unbroken.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
 
 
 def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:

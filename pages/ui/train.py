@@ -116,7 +116,7 @@ def _show_training(workspace: Workspace) -> None:
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = result is not None and not is_active
     with st.container(key="later_1_train" if done else "train_controls"):
-        asked = _controls(workspace)
+        analysis = _controls(workspace)
     if training and training.status is Status.RUNNING:
         _show_live(workspace, training)
         return
@@ -129,28 +129,28 @@ def _show_training(workspace: Workspace) -> None:
             lambda: _next_button(workspace, result),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
-    elif asked := training.analysis if training and is_active else asked:
-        _show_beginning(workspace, asked)
+    elif analysis := training.analysis if training and is_active else analysis:
+        _show_beginning(workspace, analysis)
 
 
-def _show_beginning(workspace: Workspace, asked: Analysis) -> None:
+def _show_beginning(workspace: Workspace, analysis: Analysis) -> None:
     """The data of a follower, and the drive by the values at which a training begins."""
-    data = _segments(workspace, asked)
+    data = _segments(workspace, analysis)
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, data[0].labels[1:], "train_follower")
-        if initial := show.attempt(lambda: _initial(asked, data)):
+        if initial := show.attempt(lambda: _initial(analysis, data)):
             show.caption(f"{initial_in_words(*initial)} Dotted: the drive simulated by them.")
     show.chart(_first_curves(data[0], follower, initial, LIVE), LIVE_CURVES)
 
 
-def _initial(asked: Analysis, data: Segments) -> tuple[str, Parameters] | None:
+def _initial(analysis: Analysis, data: Segments) -> tuple[str, Parameters] | None:
     """The model and the parameters at which a training begins, where its method seeks step by step.
 
     Raises:
         ConfigError: where the initial values are not the model's.
     """
-    initial = METHODS[asked.method].initial
-    return initial(data, asked.config, asked.spec) if initial else None
+    initial = METHODS[analysis.method].initial
+    return initial(data, analysis.config, analysis.spec) if initial else None
 
 
 def _first_curves(
@@ -166,20 +166,20 @@ def _first_curves(
 
 def _show_live(workspace: Workspace, training: Task[Result]) -> None:
     """A training as it runs: the curves bend into the data, the loss falls, parameters move."""
-    asked, result = training.analysis, workspace.result
-    assert asked is not None
-    data, truth = _segments(workspace, asked), workspace.true_parameters
+    analysis, result = training.analysis, workspace.result
+    assert analysis is not None
+    data, truth = _segments(workspace, analysis), workspace.true_parameters
     segment = data[0]
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, segment.labels[1:], "train_follower")
-        has_truth = truth is not None and has_terms_of(asked.spec.model, truth)
-        show.follower_key(segment, has_truth, segment.shares(asked.case))
+        has_truth = truth is not None and has_terms_of(analysis.spec.model, truth)
+        show.follower_key(segment, has_truth, segment.shares(analysis.case))
 
     def draw(polled: bool) -> None:
         """Draw the present moment, and the strip of what is known."""
         history = training.history()
         if history is None:
-            curves, moved = _first_curves(segment, follower, _initial(asked, data), LIVE), None
+            curves, moved = _first_curves(segment, follower, _initial(analysis, data), LIVE), None
         else:
             step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
             curves, moved = _live_figures(training, segment, follower, truth, step)
@@ -192,11 +192,11 @@ def _show_live(workspace: Workspace, training: Task[Result]) -> None:
     monitor(training, draw)
 
 
-def _segments(workspace: Workspace, asked: Analysis) -> Segments:
+def _segments(workspace: Workspace, analysis: Analysis) -> Segments:
     """The data of a training."""
     if recording := workspace.recording:
-        about = asked.vehicles, asked.excluded
-        return tuple(segment_of(recording, window, *about) for window in asked.windows)
+        about = analysis.vehicles, analysis.excluded
+        return tuple(segment_of(recording, window, *about) for window in analysis.windows)
     return workspace.segments
 
 
@@ -214,12 +214,12 @@ def _live_figures(
     training: Task[Result], segment: Segment, follower: int, truth: Parameters | None, step: int
 ) -> tuple[go.Figure, go.Figure]:
     """The curves of a training at a ``step``, and the course of its loss and parameters."""
-    history, curves, asked = training.history(), training.curves, training.analysis
+    history, curves, analysis = training.history(), training.curves, training.analysis
     assert history is not None
-    assert asked is not None
-    drawn = course(history, segment.info, asked.spec.model, truth, height=LIVE)
-    own = SIMULATED if asked.has_posterior else NETWORK
-    return tracking(segment, follower, curves, own=own, height=LIVE), drawn
+    assert analysis is not None
+    drawn = course(history, segment.info, analysis.spec.model, truth, height=LIVE)
+    name = SIMULATED if analysis.has_posterior else NETWORK
+    return tracking(segment, follower, curves, curve_name=name, height=LIVE), drawn
 
 
 def _show_validation(workspace: Workspace) -> None:
@@ -253,7 +253,7 @@ def _next_button(workspace: Workspace, result: Result) -> None:
 def _controls(workspace: Workspace) -> Analysis | None:
     """Draw what a training is chosen by; what it would answer is None where that is refused."""
     preset = workspace.preset
-    asked = show.attempt(workspace.analysis)
+    analysis = show.attempt(workspace.analysis)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         segments(
             "Preset", TITLE_OF, preset, "train_preset",
@@ -263,9 +263,9 @@ def _controls(workspace: Workspace) -> Analysis | None:
             "Model", TITLES, workspace.spec.model, "train_model", workspace.choose_model,
             labelled=False, width=330, help=MODEL_HELP,
         )  # fmt: skip
-        _buttons(workspace, asked)
-        method = METHODS[asked.method if asked else recommended_method()]
-        settings = asked.settings if asked else PRESETS[preset].to_json()
+        _buttons(workspace, analysis)
+        method = METHODS[analysis.method if analysis else recommended_method()]
+        settings = analysis.settings if analysis else PRESETS[preset].to_json()
         # While a training runs, nothing pushes its charts down.
         is_active = workspace.training is not None and workspace.training.is_active
         has_options = method.settings is not None and not is_active
@@ -276,15 +276,15 @@ def _controls(workspace: Workspace) -> Analysis | None:
     if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)
-    return asked
+    return analysis
 
 
-def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
+def _buttons(workspace: Workspace, analysis: Analysis | None) -> None:
     training = workspace.training
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
         return
-    at = store().stopped_at(asked) if asked else None
+    at = store().stopped_at(analysis) if analysis else None
     label, icon, result = "Start training", "play_arrow", workspace.result
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
@@ -293,7 +293,7 @@ def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
         type="secondary" if result and not unfinished(result.estimate) else "primary",
         icon=f":material/{icon}:",
         key="train_start",
-        disabled=asked is None,
+        disabled=analysis is None,
         on_click=_start,
         args=(workspace,),
         help=CONTINUES if at is not None else None,

@@ -283,15 +283,15 @@ def tracking_at(
 
 def curves_in(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = NETWORK,
+    simulation: Trajectories | None = None, curve_name: str = NETWORK,
     disturbance: FloatArray | None = None,
 ) -> Curves:  # fmt: skip
     """One follower (0 for the first) in a segment, with curves and a disturbance (N, M) in m/s².
 
     The simulation is of this follower alone, behind the measured vehicle ahead, as one column;
-    ``own`` names the curves.
+    ``curve_name`` names the curves.
     """
-    given = {DATA: (segment.measured, follower), own: (curves, follower)}
+    given = {DATA: (segment.measured, follower), curve_name: (curves, follower)}
     lines = {
         name: Trajectories(segment.start + of.time, of.speeds[:, [k, k + 1]], of.gaps[:, [k]])
         for name, (of, k) in (given | {SIMULATION: (simulation, 0)}).items()
@@ -341,11 +341,11 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
 
 def tracking(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = NETWORK,
+    simulation: Trajectories | None = None, curve_name: str = NETWORK,
     disturbance: FloatArray | None = None, height: int | None = None,
 ) -> go.Figure:  # fmt: skip
     """The chart `drive` of `curves_in` a segment, without the gap's error."""
-    numbers = curves_in(segment, follower, curves, simulation, own, disturbance)
+    numbers = curves_in(segment, follower, curves, simulation, curve_name, disturbance)
     return drive(numbers, with_error=False, height=height)
 
 

@@ -168,12 +168,12 @@ def _show_left(workspace: Workspace) -> None:
             _left_row(left.task, f"frame_left_{place}", back, partial(workspace.forget, left))
         for place, other in enumerate(elsewhere):
 
-            def there(other: Workspace = other) -> None:
+            def go_there(other: Workspace = other) -> None:
                 enter(other)
                 st.session_state[TURN] = TRAIN
 
             if other.training:
-                _left_row(other.training, f"frame_elsewhere_{place}", there)
+                _left_row(other.training, f"frame_elsewhere_{place}", go_there)
     before = [task.status for task in tasks]
 
     def look() -> None:
@@ -197,8 +197,8 @@ def _left_row(
     def tell() -> None:
         seconds = task.time_left if task.status is Status.RUNNING else None
         left = f", {show.format_duration(seconds)} left" if seconds else ""
-        said = f"Training of **{about}**{place.format(left=left)}."
-        st.markdown(f":material/{icon}: {said}", width="content")
+        sentence = f"Training of **{about}**{place.format(left=left)}."
+        st.markdown(f":material/{icon}: {sentence}", width="content")
 
     with st.container(horizontal=True, vertical_alignment="center"):
         st.fragment(tell, run_every=LOOK if task.is_active else None)()
@@ -212,9 +212,11 @@ def _left_row(
                       on_click=forget)  # fmt: skip
 
 
-def about_analysis(asked: Analysis | None) -> str:
+def about_analysis(analysis: Analysis | None) -> str:
     """File and windows of what a training answers."""
-    return f"{asked.source.name}, {in_words(asked.window, asked.windows)}" if asked else ""
+    return (
+        f"{analysis.source.name}, {in_words(analysis.window, analysis.windows)}" if analysis else ""
+    )
 
 
 def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:

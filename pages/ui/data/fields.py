@@ -142,8 +142,8 @@ class Fields:
         at = self.names.index(column)
         cells = [row[at].strip() for row in layout.rows if at < len(row)]
         name = self.named(column)
-        said = f"{column} [{name.unit}]" if name.unit_cell else column
-        recognised = time_forms.recognised(said, cells, layout.decimal)
+        heading = f"{column} [{name.unit}]" if name.unit_cell else column
+        recognised = time_forms.recognised(heading, cells, layout.decimal)
         return recognised.form if recognised else "s"
 
     def _time_unit(self, place: Any) -> None:

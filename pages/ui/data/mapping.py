@@ -238,11 +238,11 @@ def _remarks(mapping: CsvMapping) -> dict[str, list[str]]:
     remarks: dict[str, list[str]] = {}
     parts: tuple[SpeedColumn | GapColumn, ...] = (*mapping.speeds, *mapping.gaps)
     for part in parts:
-        said = ["sign reversed"] * part.reversed
-        said += [f"shifted by {part.shift:+g} s"] if part.shift else []
+        changes = ["sign reversed"] * part.reversed
+        changes += [f"shifted by {part.shift:+g} s"] if part.shift else []
         if isinstance(part, GapColumn) and not isinstance(part.subtract, str) and part.subtract > 0:
-            said.append(f"less {part.subtract:g} m")
-        remarks[part.column] = said
+            changes.append(f"less {part.subtract:g} m")
+        remarks[part.column] = changes
     return remarks
 
 

@@ -106,8 +106,8 @@ def show_page(workspace: Workspace) -> None:
     every = windows_in_car_following(recording, workspace.selection.vehicles)
     rows: tuple[RatedWindow, ...] = ()
     if used := workspace.several_windows:
-        asked = workspace.selection
-        rows = rated_windows(recording, every, used, asked.vehicles, asked.excluded)
+        selection = workspace.selection
+        rows = rated_windows(recording, every, used, selection.vehicles, selection.excluded)
     with st.container(key="later_1_data"):
         _controls(workspace, recording, information, len(every))
     _show_overview(workspace, recording, whole, regimes, rows)
@@ -169,9 +169,9 @@ def _controls(
     widths = [1.3, 1.3]
     widths += [1.1] if has_cases else []
     widths += [1.6] if has_choice else []
-    own_row = [1.12, 0.95, 1.4]
+    field_widths = [1.12, 0.95, 1.4]
     if is_one and not has_choice:
-        widths += own_row
+        widths += field_widths
     columns = st.columns(
         [*widths, max(0.01, 7.2 - sum(widths))], gap="small", vertical_alignment="bottom"
     )[:-1]
@@ -188,11 +188,12 @@ def _controls(
             _choose_which(workspace, count)
     if not is_one:
         return
-    own = columns[-3:] if not has_choice else (
-        st.columns([*own_row, 7.2 - sum(own_row)], gap="small", vertical_alignment="bottom")[:-1]
-    )  # fmt: skip
-    _choose_window(workspace, recording, own[:2])
-    with own[2]:
+    fields = columns[-3:]
+    if has_choice:
+        row = [*field_widths, 7.2 - sum(field_widths)]
+        fields = st.columns(row, gap="small", vertical_alignment="bottom")[:-1]
+    _choose_window(workspace, recording, fields[:2])
+    with fields[2]:
         _suggest(workspace, recording, information)
 
 
@@ -353,10 +354,10 @@ def _show_overview(
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
-    asked = workspace.selection.vehicles
+    vehicles = workspace.selection.vehicles
     names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
     entries = [(name, vehicle_colour(n, leader)) for n, name in names.items()]
-    show.key(entries, faint=[name for n, name in names.items() if n not in asked])
+    show.key(entries, faint=[name for n, name in names.items() if n not in vehicles])
 
 
 def _handles(
@@ -451,7 +452,7 @@ def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> No
 
 def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
-    segment, parts, asked = workspace.segment, [TITLE_OF[workspace.preset]], None
+    segment, parts, analysis = workspace.segment, [TITLE_OF[workspace.preset]], None
     windows = workspace.windows
     which = f"{len(windows)} windows" if len(windows) > 1 else "this window"
     if len(windows) == 1 and workspace.several_windows:
@@ -461,15 +462,15 @@ def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
     if segment and segment.followers > 1:
         parts.append(f"Case {workspace.selection.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-        asked = workspace.analysis()
+        analysis = workspace.analysis()
     is_usable = segment is not None and not any(row.fault for row in rows if row.is_used)
-    if is_usable and asked:
-        seconds = METHODS[asked.method].expected_seconds(workspace.segments, asked.config)
+    if is_usable and analysis:
+        seconds = METHODS[analysis.method].expected_seconds(workspace.segments, analysis.config)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
         disabled=not is_usable, key="data_train",
     ):  # fmt: skip
-        if asked:
+        if analysis:
             workspace.train()
         frame.go(frame.TRAIN, workspace)

@@ -74,8 +74,8 @@ def open_file(workspace: Workspace, source: bytes | Path, name: str | None = Non
             workspace.open(file.read())
         st.session_state[OPENING] = False
     except AccpinnError as fault:
-        kept = " The recording opened before is kept." if workspace.recording else ""
-        raise RecordingError(f"{fault}{kept}") from fault
+        remark = " The recording opened before is kept." if workspace.recording else ""
+        raise RecordingError(f"{fault}{remark}") from fault
 
 
 def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
@@ -183,19 +183,20 @@ def _open_beside(workspace: Workspace, others: list[tuple[str, bytes]]) -> None:
 def _choose_opened(workspace: Workspace) -> None:
     """The other recordings that are open in this session, each with a button to show it."""
     now = workspace.recording
-    others = [one for one in workspace.opened.values() if one is not now]
+    others = [recording for recording in workspace.opened.values() if recording is not now]
     if not others:
         return
     with st.container(horizontal=True, vertical_alignment="center"):
         st.caption("Also open", width="content")
-        for one in others:
+        for recording in others:
 
-            def turn(recording: Recording = one) -> None:
+            def turn(recording: Recording = recording) -> None:
                 workspace.open(recording)
                 st.session_state[OPENING] = False
 
             st.button(
-                escape_markdown(one.source), key=f"data_opened_{one.sha256[:12]}", type="tertiary",
+                escape_markdown(recording.source), key=f"data_opened_{recording.sha256[:12]}",
+                type="tertiary",
                 icon=":material/timeline:", on_click=turn,
             )  # fmt: skip
 

@@ -72,7 +72,7 @@ def show_changes(workspace: Workspace) -> None:
         return
     is_changed = False
     for segment in parts:
-        changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
+        changes = [finding for finding in segment.findings if not isinstance(finding, DrivenByHand)]
         if changes:
             is_changed = True
             if len(parts) > 1:
@@ -142,15 +142,15 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         "The learned parameters are simulated behind the leader of this window, from which nothing"
         " is learned. Page Train shows the errors beside those of the training window."
     )
-    known = {recording.sha256: recording} | workspace.opened
+    recordings = {recording.sha256: recording} | workspace.opened
     columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
-    names = {key: one.source for key, one in known.items()}
+    names = {key: other.source for key, other in recordings.items()}
     names[recording.sha256] = "This recording"
     sha256 = select(
         "Validation recording", names, recording.sha256, "data_validation_recording", workspace,
         place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
-    chosen = known[sha256]
+    chosen = recordings[sha256]
     followers = len(workspace.selection.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
@@ -197,7 +197,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
         key=f"data_validation_start_{key}", help="In that recording's time.",
     )  # fmt: skip
-    most, usual = (max(MINIMUM_DURATION, one.duration) for one in (chosen, first))
+    most, usual = (max(MINIMUM_DURATION, span.duration) for span in (chosen, first))
     length = columns[3].number_input(
         "Lasts [s]", MINIMUM_DURATION, most, usual, 10.0,
         format="%.1f", key=f"data_validation_length_{key}",
@@ -225,10 +225,10 @@ def _learned(workspace: Workspace) -> tuple[Window, ...]:
 
 def _upload(workspace: Workspace) -> None:
     def took(name: str, raw: bytes) -> None:
-        one = read(raw, name)
-        if one.sha256 not in workspace.opened:
-            workspace.remember(one)
-        workspace.choices["data_validation_recording"] = one.sha256
+        recording = read(raw, name)
+        if recording.sha256 not in workspace.opened:
+            workspace.remember(recording)
+        workspace.choices["data_validation_recording"] = recording.sha256
 
     show.upload(
         "Or drop a second recording here; the first one stays open.", "data_validation_upload",
@@ -252,6 +252,6 @@ def show_validation(workspace: Workspace) -> None:
     validated, errors = ClosedLoop.of(other, result.estimate), result.evaluation.closed_loop
     table = validation_table(result.infos, errors, other.info, validated.errors)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
-    said = (*messages(findings, segment), *messages(validated.findings, other))
-    show.messages(said, "warning")
+    sentences = (*messages(findings, segment), *messages(validated.findings, other))
+    show.messages(sentences, "warning")
     show.downloads(table, f"{segment.source}_validation", "validation")

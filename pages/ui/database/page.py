@@ -220,15 +220,15 @@ def _show_filters(
     """The controls; by column the values that are shown where not all are, method and grouping."""
     choices, filters = workspace.choices, dict[str, tuple[str, ...]]()
     values = {name: sorted(rows[name].unique()) for name in FILTERS}
-    for name, there in values.items():
-        kept = choices[f"database_{name}"] = tuple(
-            value for value in choices.get(f"database_{name}", ()) if value in there
+    for name, offered in values.items():
+        selected = choices[f"database_{name}"] = tuple(
+            value for value in choices.get(f"database_{name}", ()) if value in offered
         )
-        if kept:
-            filters[name] = kept
+        if selected:
+            filters[name] = selected
     method = str(choices.get("database_method"))
-    if method not in (known := list(dict.fromkeys(rows["method"]))):
-        method = COMPARED[0] if COMPARED[0] in known else known[0]
+    if method not in (methods := list(dict.fromkeys(rows["method"]))):
+        method = COMPARED[0] if COMPARED[0] in methods else methods[0]
     choices["database_method"] = method
     by = choices["database_by"] = select(
         "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "setting",
@@ -237,15 +237,15 @@ def _show_filters(
     )  # fmt: skip
     count = f" ({len(filters)})" if filters else ""
     with st.popover(f"Filter{count}", icon=":material/filter_alt:", key="database_filter"):
-        for name, there in values.items():
+        for name, offered in values.items():
 
             def chosen(values: list[str], name: str = name) -> None:
                 choose(workspace, **{name: tuple(values)})
 
             st.multiselect(
-                FILTERS[name], there, placeholder="All",
+                FILTERS[name], offered, placeholder="All",
                 **bound(f"database_{name}", list(filters.get(name, ())), chosen, default=""),
-                help=f"Only rows with one of these; all where none is chosen. {len(there)} are"
+                help=f"Only rows with one of these; all where none is chosen. {len(offered)} are"
                 " there.",
             )  # fmt: skip
     return filters, method, by

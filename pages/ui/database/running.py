@@ -123,14 +123,14 @@ def _watch(task: Task[BatchProgress]) -> None:
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
     def has_more() -> bool:
-        found = task.latest.rows if task.latest else 0
-        return found > rows and time.monotonic() - drawn > REDRAWN
+        latest = task.latest.rows if task.latest else 0
+        return latest > rows and time.monotonic() - drawn > REDRAWN
 
-    def told(now: BatchProgress) -> str:
+    def describe(now: BatchProgress) -> str:
         left = f" · about {format_duration(now.seconds_left)} left" if now.seconds_left else ""
         return progress_line(now) + left
 
-    monitor(task, told=told, is_stale=has_more)
+    monitor(task, describe=describe, is_stale=has_more)
 
 
 # Starting
@@ -253,9 +253,9 @@ def _named(workspace: Workspace, name: str) -> Path:
 
 
 def _free_name(workspace: Workspace) -> str:
-    known = own.own_studies(workspace.id)
-    names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(known) + 3)))
-    return next(name for name in names if name not in known)
+    taken = own.own_studies(workspace.id)
+    names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(taken) + 3)))
+    return next(name for name in names if name not in taken)
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:

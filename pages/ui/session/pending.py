@@ -29,9 +29,9 @@ class Pending:
     _readings: dict[str | None, Recording | AccpinnError] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, file: File, known: CsvMapping | None = None) -> "Pending":
+    def of(cls, file: File, served: CsvMapping | None = None) -> "Pending":
         """A file and a mapping that served its columns before, or else the proposed one."""
-        mapping = known or (to_complete(file.proposal) if file.is_unknown else None)
+        mapping = served or (to_complete(file.proposal) if file.is_unknown else None)
         return cls(file, mapping)
 
     def read_by(self, mapping: CsvMapping) -> "Pending":

@@ -163,9 +163,9 @@ def find_recording(
     name = file.partition(", trajectory ")[0]
     for path in (path for path in (*samples(), *listed()) if path.name == name):
         with suppress(RecordingError):  # another file of that name
-            known = files.opened(path, mapping=mapping)
-            if known.content.sha256(trajectory) == sha256:
-                return known.read(trajectory)
+            table = files.opened(path, mapping=mapping)
+            if table.content.sha256(trajectory) == sha256:
+                return table.read(trajectory)
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."

@@ -58,17 +58,17 @@ def show_entries(
     long list shows few rows until all are asked for.
     """
     is_long = len(entries) > FEW
-    matching, asked = entries, ""
+    matching, search = entries, ""
     if is_long:
         if title:
             st.markdown(f"**{title}**")
             title = ""
-        asked = st.text_input(
+        search = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method", label_visibility="collapsed",
         )  # fmt: skip
-        matching = [entry for entry in entries if entry.matches(asked or "")]
-    is_short = is_long and not asked and not workspace.choices.get(f"{key}_all")
+        matching = [entry for entry in entries if entry.matches(search or "")]
+    is_short = is_long and not search and not workspace.choices.get(f"{key}_all")
     rows = matching[: FEW if is_short else LISTED]
     if rows:
         _show_rows(rows, key, open_entry, action, help, title)
