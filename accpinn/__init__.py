@@ -34,6 +34,7 @@ The public interface, in the order data flows:
     evaluate, Evaluation              surrogate, closed-loop and hold-out errors
     stability_report, StabilityReport L₂ and L∞ string stability
     Margins                           how much the time gap exceeds the smallest stable one
+    Waves                             growth of braking and accelerating waves, by their size
     measured_gain, MeasuredGain       gain of a vehicle, from its recording by Welch's method
     transfer_function                 a vehicle as an object of python-control
     simulate_platoon, PlatoonRun      a platoon behind a leader, exact at every sample

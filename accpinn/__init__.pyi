@@ -71,6 +71,7 @@ from .stability.criteria import transfer_function as transfer_function
 from .stability.margin import Margins as Margins
 from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
+from .stability.waves import Waves as Waves
 from .study import Analysis as Analysis
 from .study.batch import batch as batch
 from .study.comparison import spread_of as spread_of

@@ -5,8 +5,10 @@
 On the real recordings that this package was made for, the residual of the model after smoothing
 has a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls
 to 1/e within three to six seconds. Effects that the model lacks can be added: an actuator lag, a
-delay, a standstill distance (p - s₀ in place of p), a slope, and limits of the acceleration that
-the controller commands. Leaders and the receivers' noise come from `accpinn.recordings.synthetic`.
+delay, a standstill distance (p - s₀ in place of p), a slope, limits of the acceleration that the
+controller commands, and gains q times as large on a gap that is too short, k times on a car ahead
+that is slower (see `accpinn.model.unequal_gains`). Leaders and the receivers' noise come from
+`accpinn.recordings.synthetic`.
 """
 
 from collections.abc import Iterable
@@ -43,6 +45,10 @@ class Disturbance:
     """Mean of w in m/s²; uphill is negative, 1 % are 0.1 m/s²."""
     limits: tuple[float, float] = (-np.inf, np.inf)
     """Least and largest command of the controller, in m/s²."""
+    q: float = 1.0
+    """Gain on a gap that is too short, by α."""
+    k: float = 1.0
+    """Gain on a car ahead that is slower, by β."""
 
 
 def disturbed(
@@ -84,9 +90,11 @@ def _follow(
 ) -> tuple[FloatArray, FloatArray]:
     """Return gap and speed (N,) from equilibrium on, with inputs held over each small step.
 
-    The linear system is stepped exactly. What limits and a delay change of the command is an input.
+    The linear system is stepped exactly. What limits, a delay and unequal gains change of the
+    command is an input.
     """
     alpha, alpha_tau, beta = follower.theta
+    short, closing = (disturbance.q - 1.0) * alpha, (disturbance.k - 1.0) * beta
     # States: gap above s₀, speed, acceleration by the actuator. Inputs: speed ahead, what limits
     # and the delay add to the command, and w.
     rates = np.zeros((6, 6))
@@ -104,9 +112,10 @@ def _follow(
     for k, speed_ahead in enumerate(middle):
         states[k] = now[:3]
         now[3] = speed_ahead
-        unlimited = command @ now
+        linear, too_long = command @ now, now[0] - follower.tau * now[1]
+        unlimited = linear + short * min(too_long, 0.0) + closing * min(speed_ahead - now[1], 0.0)
         limited[late + k] = min(max(unlimited, least), most)
-        now[4] = limited[k] - unlimited
+        now[4] = limited[k] - linear
         now[5] = disturbance.slope + wander[k]
         now[:3] = step @ now
     return states[:, 0] + disturbance.standstill, states[:, 1]

@@ -60,7 +60,6 @@ from accpinn.results.tables.estimates import (
     windows_table,
 )
 from accpinn.results.tables.stability import known_table
-from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
 from accpinn.study.judge import Judgement, judge, subjects_of
@@ -68,6 +67,7 @@ from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path
+from accpinn.study.vehicles import assessed_vehicles
 
 _SETTINGS = {"initial": "initial", "iterations": "iterations", "lbfgs": "lbfgs_iterations",
              "seed": "seed"}  # fmt: skip
@@ -253,7 +253,7 @@ def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) 
     first, info = best or results[0], results[0].info
     followers, forms = range(info.followers), first.adequacy.forms
     recommended = [parameter_table(best).to_text(), about_estimate(best), ""] if best else []
-    subject = known_vehicles(first)
+    subject = assessed_vehicles(first)
     tables = [
         *(methods_table(results, k, best) for k in followers),
         *([known_table(subject)] if subject.has_report else ()),

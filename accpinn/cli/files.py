@@ -15,10 +15,10 @@ from accpinn.results.documents import parameter_card
 from accpinn.results.export import SAMPLES, snapshot_types
 from accpinn.results.reproduction import verification_table
 from accpinn.results.tables import Column, Table
-from accpinn.results.vehicles import where
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
 from accpinn.study.store import Entry, Store
+from accpinn.study.vehicles import where
 from accpinn.study.verification import HOWEVER_LONG, PATIENCE, PROMPT, Verification, verify
 from accpinn.units import Seconds
 

@@ -12,6 +12,7 @@ from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import order_of, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import assumption, contradictions
@@ -28,6 +29,7 @@ from accpinn.results.messages.stability import (
     platoon_reasons,
     reason,
     reasons,
+    waves_in_words,
 )
 from accpinn.results.tables.stability import (
     amplitude_table,
@@ -35,9 +37,10 @@ from accpinn.results.tables.stability import (
     margin_table,
     verdicts_part,
 )
-from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.stability import VehicleStability, Verdict
 from accpinn.stability.margin import VehicleMargin
+from accpinn.stability.waves import PARTS, LargestGrowth
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
@@ -70,7 +73,7 @@ SIMULATE_OPTIONS = (
 """The defaults are the paper's simulation."""
 
 
-def _chosen(options: argparse.Namespace) -> KnownVehicles:
+def _chosen(options: argparse.Namespace) -> AssessedVehicles:
     """The vehicles that the options give, or those of a snapshot.
 
     Raises:
@@ -86,7 +89,7 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
             raise ConfigError(f"parameters: give --{name} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
-        subject = known_vehicles(load(path))
+        subject = assessed_vehicles(load(path))
         if not subject.has_report:
             raise SnapshotError(
                 f"{path}: its data determine no parameters, so nothing follows for string"
@@ -106,7 +109,7 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
         if number not in (1, count):
             raise ConfigError(f"parameters: {number} of --{name}; give one, or {count}.")
     labels = tuple(f"Vehicle {k + 1}" for k in range(count))
-    return KnownVehicles(ParameterSet("parameters given", labels, Parameters(**given)))
+    return AssessedVehicles(ParameterSet("parameters given", labels, Parameters(**given)))
 
 
 def run_stability(options: argparse.Namespace) -> int:
@@ -116,18 +119,19 @@ def run_stability(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
+def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
     """The report as the command-line contract has it."""
     report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
-    known = subject.uncertainty
+    known, waves = subject.uncertainty, subject.waves
     checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
             | {"margin": _describe_margin(subject.margins.vehicles[k], known)}
+            | ({"waves": _describe_waves(waves.vehicles[k])} if waves else {})
             | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
@@ -196,15 +200,22 @@ def _describe_margin(margin: VehicleMargin, known: Uncertainty | None) -> dict[s
     return {"time_gap": margin.time_gap.value, **norms}
 
 
+def _describe_waves(growth: LargestGrowth) -> list[dict[str, float]]:
+    """The growth of waves of each size, in m/s."""
+    rows = zip(*(getattr(growth, part).tolist() for part in PARTS), strict=True)
+    return [dict(zip(PARTS, row, strict=True)) for row in rows]
+
+
 def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": why}
 
 
-def _report_text(subject: KnownVehicles) -> str:
+def _report_text(subject: AssessedVehicles) -> str:
     vehicles, lines = subject.vehicles, [verdicts_part(known_table(subject)).to_text(), ""]
     lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]
+    lines += [waves_in_words(subject.waves)] if subject.waves else []
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
     for k, (label, verdicts) in enumerate(reasons(subject)):

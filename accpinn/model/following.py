@@ -77,6 +77,11 @@ class Parameter:
         """Whether it is positive, so that the prior is log-normal."""
         return self.lower > 0
 
+    @property
+    def heading(self) -> str:
+        """Its symbol, with its unit in brackets where it has one."""
+        return f"{self.symbol} [{self.unit}]" if self.unit else self.symbol
+
     def value(self, z: Any, xp: ModuleType | Any = np) -> Any:
         """The parameter that lies z standard deviations of the prior above its median."""
         if self.is_positive:
@@ -114,6 +119,9 @@ class FollowingModel:
     """Terms beside the CTHP's α, β, τ; a lag or a delay between f and the acceleration is last."""
     formula: str = ""
     """f in symbols, for people: of p, v, Δv = u - v and the parameters' symbols."""
+    meaning: str = ""
+    """What parameters say of a vehicle, in a few words with their names in braces: "eases off {q}
+    times as hard as it closes up"."""
 
     @property
     def is_linear(self) -> bool:

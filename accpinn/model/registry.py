@@ -150,7 +150,7 @@ Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: dict[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
-JUDGED = (PAPER, BEST, IDM.key, FVDM.key)
+JUDGED = (PAPER, BEST, UNEQUAL_GAINS.key, IDM.key, FVDM.key)
 """Models that are judged unless others are named: the paper's, the answer's, and the usual ones."""
 
 

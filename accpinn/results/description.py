@@ -21,15 +21,10 @@ from accpinn.methods.state_space import EXTRA
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.recordings import ValuesOutOfRange
 from accpinn.recordings.inconsistency import GapComputed, Inconsistency
-from accpinn.results.vehicles import (
-    KnownVehicles,
-    Objection,
-    against_model,
-    known_vehicles,
-    where,
-)
+from accpinn.results.objections import Objection, against_model
 from accpinn.segment import SegmentInfo
 from accpinn.study.result import Result
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles, where
 from accpinn.units import FloatArray, MetresPerSecond, Quantity
 
 P = ParamSpec("P")
@@ -101,7 +96,7 @@ class Description:
     point: str
     """What an estimate without intervals is, in a few words; empty for one with them."""
     rows: tuple[Row, ...]
-    vehicles: KnownVehicles
+    vehicles: AssessedVehicles
     """The followers where their string stability is shown."""
     evaluation: Evaluation
     events: tuple[str, ...]
@@ -126,7 +121,7 @@ def describe(result: Result) -> Description:
     estimate, info = result.estimate, result.info
     point, events = about_point(estimate), incidents(result.evaluation, info)
     made, method = name_of(estimate), name_of(estimate, with_model=False)
-    followers, vehicles = range(info.followers), known_vehicles(result)
+    followers, vehicles = range(info.followers), assessed_vehicles(result)
     places = [followers] if info.shares(estimate.case) else [[k] for k in followers]
     against = [against_model(vehicles, [info.vehicles[k + 1] for k in at]) for at in places]
     sizes = {size.vehicle: size for size in disturbance_sizes(info.vehicles, estimate)}

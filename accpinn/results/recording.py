@@ -18,7 +18,6 @@ from accpinn.recordings.increments import agreement
 from accpinn.recordings.mapping import CsvMapping, units_taken
 from accpinn.results.tables import ABSENT, Cell, Column, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
-from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.cut import DURATION
 from accpinn.segment.quality import (
@@ -32,6 +31,7 @@ from accpinn.segment.quality import (
     Regimes,
 )
 from accpinn.segment.suggestion import Suggestion
+from accpinn.study.vehicles import by_hand, where
 
 GRADED: Mapping[Question, Sequence[str]] = {
     "complete": ("Samples complete", "Samples measured", "Samples measured"),

@@ -15,9 +15,10 @@ from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.messages.stability import becomes, reason
 from accpinn.results.messages.summary import unfinished
+from accpinn.results.objections import Objection, against_model
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.vehicles import KnownVehicles, Objection, against_model
 from accpinn.stability import Assessment, Verdict, assessment
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
 
 UNKNOWN = Quantity(nan, nan, nan)
@@ -94,7 +95,7 @@ class Strip:
         return replace(self, rows=tuple(row for row in self.rows if row.place in places))
 
 
-def strip_of(subject: KnownVehicles, description: Description | None = None) -> Strip:
+def strip_of(subject: AssessedVehicles, description: Description | None = None) -> Strip:
     """The strip of some vehicles; of a result's vehicles with all that its description has.
 
     Args:
@@ -103,7 +104,7 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
 
     Examples:
         >>> from accpinn.model.published import ASTAZERO
-        >>> [row.l2.assessment for row in strip_of(KnownVehicles(ASTAZERO)).rows]
+        >>> [row.l2.assessment for row in strip_of(AssessedVehicles(ASTAZERO)).rows]
         ['unstable', 'unstable', 'unstable', 'unstable']
     """
     vehicles, leader = subject.vehicles, subject.vehicles.vehicles[0]
@@ -121,7 +122,7 @@ def strip_of(subject: KnownVehicles, description: Description | None = None) -> 
     return Strip(rows, leader, known.estimate.stated_speed, _about(subject, known))
 
 
-def _about(subject: KnownVehicles, known: Description) -> tuple[str, ...]:
+def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
     seconds = sum(part.window.duration for part in known.infos)
     windows = "1 window" if len(known.infos) == 1 else f"{len(known.infos)} windows"
     linear = f"linearised at {3.6 * subject.speed:.0f} km/h" if subject.speed else ""
@@ -131,7 +132,7 @@ def _about(subject: KnownVehicles, known: Description) -> tuple[str, ...]:
     return tuple(filter(None, parts))
 
 
-def _row(subject: KnownVehicles, place: int, row: Row | None) -> StripRow:
+def _row(subject: AssessedVehicles, place: int, row: Row | None) -> StripRow:
     vehicles = subject.vehicles
     number = vehicles.vehicles[place + 1] if row is None else row.number
     # Where all followers share their parameters, the first of them stands for all.
@@ -147,7 +148,7 @@ def _row(subject: KnownVehicles, place: int, row: Row | None) -> StripRow:
     )
 
 
-def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
+def _time_gap(subject: AssessedVehicles, place: int, row: Row | None) -> Estimated:
     """The time gap at the speed that an estimate states, or at the highest of those."""
     if row is None:
         gap, speed = _gap_of(subject, place), SPEEDS[-1]
@@ -168,7 +169,7 @@ def _time_gap(subject: KnownVehicles, place: int, row: Row | None) -> Estimated:
     return Estimated(value.span, " ".join(said), is_extrapolated)
 
 
-def _gap_of(subject: KnownVehicles, place: int) -> Quantity:
+def _gap_of(subject: AssessedVehicles, place: int) -> Quantity:
     """The time gap of a vehicle of no result, or of several."""
     known, speed = subject.uncertainty, SPEEDS[-1]
     value = float(subject.vehicles.parameters[place].time_gap(speed))
@@ -178,7 +179,7 @@ def _gap_of(subject: KnownVehicles, place: int) -> Quantity:
     return Quantity(value, float(lower), float(upper))
 
 
-def _growth(subject: KnownVehicles, place: int) -> Estimated:
+def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     """The largest gain of a vehicle, and where disturbances grow most."""
     if not subject.has_report or subject.assessed[place] == "not determined":
         return Estimated(UNKNOWN, NOT_DETERMINED)
@@ -192,7 +193,7 @@ def _growth(subject: KnownVehicles, place: int) -> Estimated:
     )
 
 
-def _marks(subject: KnownVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:
+def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:
     """By L₂ and by the exact L∞ criterion."""
     known = subject.uncertainty
     if not subject.has_report:
@@ -215,7 +216,7 @@ def _marks(subject: KnownVehicles, place: int) -> tuple[StabilityMark, Stability
     return mark("L₂", vehicle.l2, l2), mark("L∞", vehicle.linf_exact, linf)
 
 
-def _trust(subject: KnownVehicles, place: int, row: Row | None) -> TrustMark:
+def _trust(subject: AssessedVehicles, place: int, row: Row | None) -> TrustMark:
     found = [*_objections(subject, place, row)]
     sentences = [*dict.fromkeys(objection.sentence for objection in found)]
     brief = tuple(dict.fromkeys(objection.brief for objection in found))
@@ -227,7 +228,7 @@ def _trust(subject: KnownVehicles, place: int, row: Row | None) -> TrustMark:
     return TrustMark(True, (), row.trust.in_words)
 
 
-def _objections(subject: KnownVehicles, place: int, row: Row | None) -> Iterator[Objection]:
+def _objections(subject: AssessedVehicles, place: int, row: Row | None) -> Iterator[Objection]:
     """What is against the estimate of a vehicle, who drives it included."""
     vehicles = subject.vehicles
     if any(vehicles.by_hand) and vehicles.by_hand[place]:

@@ -23,17 +23,34 @@ Vander Velde, Multiple-Input Describing Functions, McGraw-Hill 1968.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from accpinn.display import Displayed
 from accpinn.errors import ParameterError
 from accpinn.model.following import COMPLEX_STEP, FollowingModel, Values
+from accpinn.stability.criteria import peaks
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, frozen
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 POINTS = 65
 """Instants of a period; odd, so that every harmonic has its sine and cosine."""
 ROUNDS, CONVERGED = 60, 1e-10
 """Most steps of Newton's method, and the residual in m/s² at which it ends."""
+SIZES = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Amplitudes in m/s at which growth is taken, up to `LARGEST` of the mean speed."""
+LARGEST = 0.4
+SLOWEST, FASTEST, COARSE = 0.06, 1.0, 9
+"""Frequencies in rad/s over which a wave's growth is the largest, and how many are taken."""
+NEAR_PEAK = (0.8, 0.9, 1.0, 1.12, 1.25)
+"""Those that are taken besides, by the frequency at which a small wave grows most."""
+USUAL: MetresPerSecond = 3.0
+"""Size of a wave that is told in words, where so large ones are taken."""
+PARTS = "amplitude", "harmonic", "braking", "accelerating"
+"""What a frame holds of each size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +94,110 @@ def wave_growth(
         rows.append((first, -wave.min(), wave.max()))
     harmonic, braking, accelerating = np.array(rows).reshape(-1, 3).T / amplitude
     return WaveGrowth(np.asarray(omega, float), harmonic, braking, accelerating)
+
+
+@dataclass(frozen=True, eq=False)
+class LargestGrowth:
+    """The largest growth of waves over all frequencies, by their size, of one vehicle."""
+
+    speed: MetresPerSecond
+    """Mean speed."""
+    amplitude: FloatArray
+    """(A,) in m/s; all below are nan where there is no steady wave."""
+    harmonic: FloatArray
+    """(A,) of the first harmonic."""
+    braking: FloatArray
+    """(A,) of the largest deviation below the mean speed."""
+    accelerating: FloatArray
+    """(A,) of the largest deviation above it."""
+
+    def at(self, amplitude: MetresPerSecond) -> tuple[float, float]:
+        """The growth of a braking and of an accelerating wave of a size between those taken."""
+        braking, accelerating = (
+            float(np.interp(amplitude, self.amplitude, part))
+            for part in (self.braking, self.accelerating)
+        )
+        return braking, accelerating
+
+
+@dataclass(frozen=True, eq=False)
+class Waves(Displayed):
+    """The growth of waves by their size and direction, of each follower at a mean speed."""
+
+    vehicles: tuple[LargestGrowth, ...]
+    names: tuple[str, ...]
+    """(M,) of the vehicles."""
+    numbers: tuple[int, ...]
+    """(M,) in the recording."""
+
+    def __str__(self) -> str:
+        """A line a vehicle."""
+        lines = ["Growth of waves, each at the frequency at which it grows most"]
+        for name, vehicle in zip(self.names, self.vehicles, strict=True):
+            size = min(USUAL, float(vehicle.amplitude[-1]))
+            braking, accelerating = vehicle.at(size)
+            lines.append(
+                f"  {name}, ±{3.6 * size:.0f} km/h about {3.6 * vehicle.speed:.0f} km/h:"
+                f" a braking wave {braking:.2f}-fold, an accelerating one {accelerating:.2f}-fold"
+            )
+        return "\n".join([*lines, "More: .to_frame(), .vehicles[0].harmonic"])
+
+    def to_frame(self) -> "DataFrame":
+        """A row a vehicle and size: mean speed and amplitude in m/s, and the three growths."""
+        from pandas import DataFrame
+
+        rows = zip(self.numbers, self.names, self.vehicles, strict=True)
+        return DataFrame(
+            [
+                {"vehicle": number, "name": name, "speed": vehicle.speed}
+                | {part: float(getattr(vehicle, part)[k]) for part in PARTS}
+                for number, name, vehicle in rows
+                for k in range(len(vehicle.amplitude))
+            ]
+        )
+
+
+def waves(
+    model: FollowingModel,
+    theta: FloatArray,
+    speeds: FloatArray,
+    names: tuple[str, ...],
+    numbers: tuple[int, ...],
+) -> Waves:
+    """The growth of waves by M vehicles.
+
+    Args:
+        model: of all vehicles.
+        theta: (M, n) their parameters; nan of one that is not determined.
+        speeds: (M,) mean speeds in m/s.
+        names: (M,) of the vehicles.
+        numbers: (M,) of the vehicles in the recording.
+
+    Raises:
+        ParameterError: for a vehicle without an equilibrium at its speed.
+    """
+    rows = zip(theta, speeds.tolist(), strict=True)
+    return Waves(tuple(largest_growth(model, *row) for row in rows), names, numbers)
+
+
+def largest_growth(model: FollowingModel, theta: Values, speed: MetresPerSecond) -> LargestGrowth:
+    """The growth of waves of several sizes about a speed, each at the frequency of its largest.
+
+    Raises:
+        ParameterError: without an equilibrium at the speed.
+    """
+    sizes = np.array([size for size in SIZES if size <= max(LARGEST * speed, SIZES[0])])
+    if not np.isfinite(theta).all():
+        return LargestGrowth(speed, sizes, *np.full((3, len(sizes)), np.nan))
+    top = float(peaks(model.linearised(theta, speed)[None]).omega[0])
+    omega = np.geomspace(SLOWEST, FASTEST, COARSE)
+    if 0 < top < np.inf:
+        omega = np.append(omega, top * np.array(NEAR_PEAK))
+    found = [wave_growth(model, theta, speed, omega, size) for size in sizes]
+    parts = np.array([[row.harmonic, row.braking, row.accelerating] for row in found])
+    known = np.isfinite(parts)
+    most = np.where(known.any(axis=2), parts.max(axis=2, initial=0.0, where=known), np.nan)
+    return LargestGrowth(speed, sizes, *most.T)
 
 
 def steady_wave(

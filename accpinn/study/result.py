@@ -44,7 +44,7 @@ from accpinn.methods.estimate import (
 )
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import time_gap
+from accpinn.model.registry import time_gap, value_of
 from accpinn.recordings import Facts, Recording, ValuesOutOfRange, facts_of
 from accpinn.recordings.inconsistency import Inconsistency
 from accpinn.recordings.mapped import UnitContradictsHeader
@@ -54,6 +54,7 @@ from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response, transfer_function
 from accpinn.stability.margin import Margins, margins
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
+from accpinn.stability.waves import Waves, waves
 from accpinn.study import Analysis
 from accpinn.study.judge import Judgement
 from accpinn.units import FloatArray
@@ -396,6 +397,33 @@ class Result(Displayed):
         level = known.level if known else LEVEL
         about = self.info
         return margins(parameters, at, draws, level, about.names[1:], about.vehicles[1:])
+
+    @checked_method
+    def waves(self, speed: float | None = None) -> Waves:
+        """How much waves grow from the vehicle ahead to each follower, by size and direction.
+
+        Under a CTHP all waves grow alike; under other models a braking wave may grow otherwise than
+        an accelerating one, and a large one otherwise than a small one.
+
+        Args:
+            speed: mean speed in m/s; by default each follower's median speed.
+
+        Raises:
+            ParameterError: for a speed at which a follower has no equilibrium, or that is none.
+
+        Examples:
+            >>> import accpinn
+            >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
+            >>> frame = result.waves(25.0).to_frame()
+            >>> bool((frame.braking / frame.harmonic).round(2).eq(1.0).all())
+            True
+        """
+        if speed is not None and not (np.isfinite(speed) and speed > 0):
+            raise ParameterError(f"speed: {speed:g} m/s is not allowed; choose one above zero.")
+        model, info, followers = self.estimate.following, self.info, self.info.followers
+        values = [value_of(model.key, self.parameters, name) for name in model.names]
+        speeds = self.estimate.speeds if speed is None else np.full(followers, speed)
+        return waves(model, np.transpose(values), speeds, info.names[1:], info.vehicles[1:])
 
     @cached_property
     def simulated(self) -> tuple[Trajectories | None, ...]:

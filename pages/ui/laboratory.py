@@ -12,11 +12,12 @@ import numpy as np
 import streamlit as st
 
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.figures import laboratory as figures
 from accpinn.results.figures.laboratory import Part
 from accpinn.results.figures.stability import WHOLE, WHOLE_NAME, frequencies
 from accpinn.results.messages import stability as words
-from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import browser, frame, show
 from pages.ui.components.show import escape_markdown, kept, segments, select
@@ -37,7 +38,7 @@ BODE, WAVES = "stability_bode", "laboratory_waves"
 PARTS: dict[Part, str] = {"magnitude": "Magnitude", "phase": "Phase"}
 
 
-def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
+def show_laboratory(workspace: Workspace, source: AssessedVehicles) -> AssessedVehicles:
     """The response over frequency beside the platoon at one frequency.
 
     Returns:
@@ -57,7 +58,7 @@ def show_laboratory(workspace: Workspace, source: KnownVehicles) -> KnownVehicle
     return shown
 
 
-def _show_frequency(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_frequency(workspace: Workspace, source: AssessedVehicles) -> None:
     """Draw both charts, each below its controls."""
     offered = offered_frequencies(source)
     left, right = st.columns((1.1, 1), gap="small")
@@ -95,7 +96,7 @@ def take_frequency(workspace: Workspace, event: Mapping[str, Any]) -> None:
         workspace.choices[FREQUENCY] = float(omega)
 
 
-def offered_frequencies(source: KnownVehicles) -> list[RadiansPerSecond]:
+def offered_frequencies(source: AssessedVehicles) -> list[RadiansPerSecond]:
     """The frequencies of the slider: those of the curves, the paper's, and all peaks."""
     report = source.report
     peaks = [vehicle.peak.omega for vehicle in report.vehicles] + [report.platoon.peaks[-1].omega]
@@ -127,19 +128,19 @@ def take_click(
         workspace.choices[PLATOON] = int(vehicle)
 
 
-def most_amplifying(source: KnownVehicles) -> int:
+def most_amplifying(source: AssessedVehicles) -> int:
     """The index of the vehicle that amplifies most."""
     peaks = [vehicle.peak.gain for vehicle in source.report.vehicles]
     return int(np.argmax(np.nan_to_num(peaks, posinf=np.inf)))
 
 
-def platoon_names(source: KnownVehicles) -> dict[int, str]:
+def platoon_names(source: AssessedVehicles) -> dict[int, str]:
     """The platoons that can be chosen, by the index of the vehicle repeated, or `WHOLE`."""
     repeated = {k: f"{FOLLOWERS} × {label}" for k, label in enumerate(source.vehicles.labels)}
     return repeated | {WHOLE: WHOLE_NAME}
 
 
-def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
+def _choose_platoon(workspace: Workspace, source: AssessedVehicles) -> int:
     """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
     usual = most_amplifying(source)
     if len(source.vehicles) == 1:
@@ -150,14 +151,14 @@ def _choose_platoon(workspace: Workspace, source: KnownVehicles) -> int:
     )  # fmt: skip
 
 
-def _peak(source: KnownVehicles, which: int) -> RadiansPerSecond:
+def _peak(source: AssessedVehicles, which: int) -> RadiansPerSecond:
     """The frequency that a platoon amplifies most; 0 where it amplifies none."""
     report = source.report
     peak = report.platoon.peaks[-1] if which == WHOLE else report.vehicles[which].peak
     return float(peak.omega)
 
 
-def open_platoon(workspace: Workspace, source: KnownVehicles) -> None:
+def open_platoon(workspace: Workspace, source: AssessedVehicles) -> None:
     """Turn to the platoon that is chosen, at its frequency, on the page of other disturbances."""
     which = workspace.choices.get(PLATOON, most_amplifying(source))
     offered = offered_frequencies(source)

@@ -16,6 +16,7 @@ from accpinn.model.cthp import Trajectories
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import Collision, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.results.cast import Cast
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import motion, watched
 from accpinn.results.messages import messages
@@ -24,10 +25,10 @@ from accpinn.results.messages.estimate import contradictions
 from accpinn.results.messages.stability import SEVERAL, not_acc, probabilities
 from accpinn.results.strip import strip_of
 from accpinn.results.tables.stability import amplitude_table
-from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity
 from pages.ui.components import browser, frame, show
 from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
@@ -106,7 +107,7 @@ def show_page(workspace: Workspace) -> None:
     })  # fmt: skip
 
 
-def _are_recorded(source: KnownVehicles, cast: Cast, recorded: Segment) -> bool:
+def _are_recorded(source: AssessedVehicles, cast: Cast, recorded: Segment) -> bool:
     """Whether a platoon is the recorded one: in Case I all followers have one parameter set."""
     if source.result and source.result.estimate.case == "I":
         return len(cast.labels) == len(recorded.labels)
@@ -135,7 +136,7 @@ def _show_run(run: PlatoonRun, cast: Cast, growth: Quantity | None) -> None:
 
 
 def _show_strip(
-    workspace: Workspace, source: KnownVehicles, run: PlatoonRun, cast: Cast,
+    workspace: Workspace, source: AssessedVehicles, run: PlatoonRun, cast: Cast,
     recorded: Segment | None,
 ) -> None:  # fmt: skip
     """The strip of the vehicles that drive."""
@@ -150,7 +151,7 @@ def _show_strip(
 
 
 def _show_details(
-    source: KnownVehicles, run: PlatoonRun, cast: Cast, recorded: Segment | None
+    source: AssessedVehicles, run: PlatoonRun, cast: Cast, recorded: Segment | None
 ) -> None:
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
     chosen, driving = source.vehicles, sorted({*cast.order})
@@ -300,7 +301,7 @@ def parse_order(text: str, count: int) -> list[int]:
     return order
 
 
-def _windows(workspace: Workspace, source: KnownVehicles) -> list[Segment]:
+def _windows(workspace: Workspace, source: AssessedVehicles) -> list[Segment]:
     """Those of the estimate, else the open one, in which all of the leader's speed is known."""
     own = source.result.segments if source.result else ()
     windows = own or filter(None, (workspace.segment,))
@@ -312,7 +313,7 @@ def _windows(workspace: Workspace, source: KnownVehicles) -> list[Segment]:
 
 
 def _choose_leader(
-    workspace: Workspace, source: KnownVehicles, order: Sequence[int], windows: Sequence[Segment]
+    workspace: Workspace, source: AssessedVehicles, order: Sequence[int], windows: Sequence[Segment]
 ) -> tuple[Leader, Segment | None]:
     """The leader, and the window that it was recorded in."""
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
@@ -330,7 +331,7 @@ def _choose_leader(
 
 
 def _planned(
-    workspace: Workspace, kind: Disturbance, source: KnownVehicles, order: Sequence[int]
+    workspace: Workspace, kind: Disturbance, source: AssessedVehicles, order: Sequence[int]
 ) -> Leader:
     """The leader with the settings chosen; a sinusoid begins with the platoon's peak."""
     first, usual = FIRST[kind], dict[str, float]()
@@ -360,7 +361,7 @@ def _planned(
 
 
 def _peak(
-    workspace: Workspace, source: KnownVehicles, order: Sequence[int], speed: float | None
+    workspace: Workspace, source: AssessedVehicles, order: Sequence[int], speed: float | None
 ) -> float:
     """The frequency at which this platoon's last follower moves most, in rad/s."""
     if speed:

@@ -15,10 +15,10 @@ from accpinn.results.messages import stability as words
 from accpinn.results.messages.estimate import assumption, contradictions
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import stability as tables
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.region import Plane
+from accpinn.study.vehicles import AssessedVehicles
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import KMH, escape_markdown, pick, segments, tabs
@@ -65,10 +65,12 @@ def show_page(workspace: Workspace) -> None:
         "Region": lambda: _show_region(workspace, shown),
         "Margin": lambda: _show_margin(shown),
         "Measured": lambda: _show_measured(workspace, shown),
+        **({"Waves": lambda: _show_waves(shown)} if shown.vehicles.parameters.nonlinear.size
+           else {}),
     })  # fmt: skip
 
 
-def _next_button(workspace: Workspace, source: KnownVehicles) -> None:
+def _next_button(workspace: Workspace, source: AssessedVehicles) -> None:
     """The next step: the platoon of the laboratory behind other disturbances."""
     if st.button(
         "Next: platoon", icon=":material/arrow_forward:", key="stability_next", type="primary",
@@ -83,7 +85,7 @@ def _choose_vehicle(workspace: Workspace, vehicle: int) -> None:
     workspace.choices.update(dict.fromkeys(of_vehicle, vehicle), stability_reasons=vehicle + 1)
 
 
-def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
+def _at_chosen_speed(workspace: Workspace, source: AssessedVehicles) -> AssessedVehicles:
     """The vehicles at a speed that the user chooses, by default the recording's median."""
     median = round(KMH * source.median_speed)
     speed = show.choose_speed(
@@ -94,7 +96,7 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
     return source if speed == median / KMH else source.at_speed(speed)
 
 
-def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
     """What stands behind the sentence above the pictures, and what it assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     st.markdown(f"##### {escape_markdown(source.origin)}")
@@ -122,7 +124,7 @@ def _show_verdict(workspace: Workspace, source: KnownVehicles) -> None:
         st.caption("  \n".join(map(escape_markdown, against)))
 
 
-def _show_bode_notes(source: KnownVehicles) -> None:
+def _show_bode_notes(source: AssessedVehicles) -> None:
     """What the marks of the laboratory's charts are."""
     measured = figures.measured_of(source)
     st.caption(
@@ -132,7 +134,7 @@ def _show_bode_notes(source: KnownVehicles) -> None:
     )
 
 
-def _show_numbers(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_numbers(workspace: Workspace, source: AssessedVehicles) -> None:
     """The table of verdicts; behind it the reasons, the criteria, and the gain over speed."""
     _show_verdicts(source)
     if source.vehicles.parameters.nonlinear.size:
@@ -142,7 +144,7 @@ def _show_numbers(workspace: Workspace, source: KnownVehicles) -> None:
         _show_criteria(source)
 
 
-def _show_verdicts(source: KnownVehicles) -> None:
+def _show_verdicts(source: AssessedVehicles) -> None:
     chosen, uncertainty, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
     table = tables.verdict_table(source)
     show.table(table, figures.colours(chosen))
@@ -160,7 +162,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
 
 
-def _show_speeds(source: KnownVehicles) -> None:
+def _show_speeds(source: AssessedVehicles) -> None:
     """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
     vehicles, uncertainty = source.vehicles, source.uncertainty
     estimates = vehicles.parameters.nonlinear
@@ -189,7 +191,7 @@ def _show_speeds(source: KnownVehicles) -> None:
     )
 
 
-def _show_criteria(source: KnownVehicles) -> None:
+def _show_criteria(source: AssessedVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     chosen, uncertainty = source.vehicles, source.uncertainty
     st.caption(words.CRITERIA)
@@ -210,7 +212,7 @@ def _show_criteria(source: KnownVehicles) -> None:
         show.messages(messages(source.result.findings, source.result.info))
 
 
-def _show_modes(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_modes(workspace: Workspace, source: AssessedVehicles) -> None:
     """Poles and zeros, step responses, and the impulse response of one vehicle with its area."""
     chosen = source.vehicles
     left, middle, right = st.columns(3, gap="small")
@@ -233,7 +235,7 @@ def _show_modes(workspace: Workspace, source: KnownVehicles) -> None:
     show.downloads(table, f"poles_{chosen.title}".lower(), "poles")
 
 
-def _show_region(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_region(workspace: Workspace, source: AssessedVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
     chosen, uncertainty = source.vehicles, source.uncertainty
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -252,7 +254,7 @@ def _show_region(workspace: Workspace, source: KnownVehicles) -> None:
     st.caption(about + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else ""))
 
 
-def _show_margin(source: KnownVehicles) -> None:
+def _show_margin(source: AssessedVehicles) -> None:
     """How much time gap separates each vehicle from string stability."""
     chosen = source.vehicles
     st.markdown(f"**{escape_markdown(words.most_needed(source))}**")
@@ -263,7 +265,17 @@ def _show_margin(source: KnownVehicles) -> None:
     show.downloads(table, f"margin_{chosen.title}".lower(), "margin")
 
 
-def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_waves(source: AssessedVehicles) -> None:
+    """The growth of waves by their size and direction."""
+    waves = source.waves
+    assert waves is not None  # as the tab is there for models that have some
+    st.markdown(f"**{escape_markdown(words.waves_in_words(waves))}**")
+    show.chart(control.growth_by_size(source, waves), "stability_waves")
+    show.caption("Solid: braking waves; dashed: accelerating ones.", words.WAVES)
+    show.downloads(tables.waves_table(waves), f"waves_{source.vehicles.title}".lower(), "waves")
+
+
+def _show_reasons(workspace: Workspace, source: AssessedVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
     about = [vehicle.behaviour.value for vehicle in source.report.vehicles]
     reasons, texts = words.reasons(source), []
@@ -285,7 +297,7 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
             column.markdown(text)
 
 
-def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
+def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
     chosen, result = source.vehicles, source.result
     windows = (result.segments if result else ()) or tuple(filter(None, (workspace.segment,)))

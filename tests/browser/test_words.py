@@ -131,7 +131,7 @@ def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
     page.get_by_role("tab", name="Numbers").wait_for(timeout=LONGEST_MS)
     count("methods", "compare_estimates")
     page.get_by_text("Car-following models", exact=True).click()
-    page.get_by_role("button", name="Compare 4 models").click()
+    page.get_by_role("button", name="Compare 5 models").click()
     page.get_by_role("button", name="Use these models").wait_for(timeout=LONGEST_MS)
     count("models", "models_cars")
     go(page, "Database")

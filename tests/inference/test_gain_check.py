@@ -14,8 +14,8 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
+from accpinn.study.vehicles import AssessedVehicles
 from bench.disturbed import Disturbance, disturbed
 
 LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)
@@ -67,7 +67,7 @@ def test_a_verdict_that_the_recording_denies_is_the_models_alone(
     assert gain_check.contradiction == kind
     chosen = ParameterSet("made", ("Audi",), parameters)
     assert part in gain_check.sentence(chosen)
-    plain, checked = (KnownVehicles(chosen, uncertainty, by) for by in ((), (gain_check,)))
+    plain, checked = (AssessedVehicles(chosen, uncertainty, by) for by in ((), (gain_check,)))
     assert headline(checked) != headline(plain)
     table = verdict_table(checked)
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))

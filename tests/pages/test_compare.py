@@ -136,7 +136,7 @@ def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) ->
 
 def test_which_model_predicts_this_car(session: Workspace) -> None:
     page = open_page("Compare", session).choose("compare_view", "models")
-    assert page.button(key="models_run").label.startswith("Compare 4 models (about ")
+    assert page.button(key="models_run").label.startswith("Compare 5 models (about ")
     page.choose("models_chosen", ["cthp", "cthp-s0"]).press("models_run")
     assert session.judgement.wait(WAIT)
     assert session.judgement.status is Status.DONE

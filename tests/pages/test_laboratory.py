@@ -14,7 +14,7 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures.laboratory import CONDITION, MOST_GROWTH, response_curves
 from accpinn.results.figures.stability import WHOLE, WHOLE_NAME
 from accpinn.results.messages.stability import most_amplifying
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.study.vehicles import AssessedVehicles
 from pages.ui.components.parameter_picker import ROWS
 from pages.ui.laboratory import FOLLOWERS, PAPER_FREQUENCIES, nearest, take_click, take_frequency
 from pages.ui.session import sessions
@@ -130,7 +130,7 @@ def test_values_at_the_mark_are_those_of_the_response() -> None:
 def test_a_curve_passes_below_its_bar_where_the_papers_condition_is_met(delay: float) -> None:
     cars = Parameters([0.0409, 0.0612], [0.445, 0.12], [1.16, 1.19], delay=delay)
     report = stability_report(cars)
-    subject = KnownVehicles(ParameterSet("Mine", ("met", "not"), cars))
+    subject = AssessedVehicles(ParameterSet("Mine", ("met", "not"), cars))
     figure = json.loads(response_curves(subject, "magnitude", 300).to_json())
     bars = [trace for trace in figure["data"] if trace.get("name") == CONDITION]
     plain = Parameters(cars.alpha, cars.beta, cars.tau)
@@ -198,15 +198,17 @@ def test_bands_and_the_sentence_come_from_the_posterior() -> None:
 def test_one_short_sentence_names_who_amplifies_most(
     vehicles: ParameterSet, parts: tuple[str, ...]
 ) -> None:
-    sentence = most_amplifying(KnownVehicles(vehicles))
+    sentence = most_amplifying(AssessedVehicles(vehicles))
     assert all(part in sentence for part in parts), sentence
     assert len(sentence.split()) <= 20
 
 
 def test_the_sentence_is_the_models_where_the_measured_gain_contradicts_it() -> None:
     audi, tesla = (GainCheck(number, 20, contradiction="damps") for number in (2, 5))
-    assert most_amplifying(KnownVehicles(ASTAZERO, checks=(tesla,))).startswith("All four")
-    assert most_amplifying(KnownVehicles(ASTAZERO, checks=(audi, tesla))).startswith("By the model")
+    assert most_amplifying(AssessedVehicles(ASTAZERO, checks=(tesla,))).startswith("All four")
+    assert most_amplifying(AssessedVehicles(ASTAZERO, checks=(audi, tesla))).startswith(
+        "By the model"
+    )
 
 
 def test_a_vehicle_that_may_amplify_is_not_said_to() -> None:
@@ -214,4 +216,4 @@ def test_a_vehicle_that_may_amplify_is_not_said_to() -> None:
     draws = np.tile(pair.parameters.values, (100, 1, 1))
     draws[:40, 0, 2] = 4.0  # stable in 40 % of them
     known = from_draws(pair.parameters, Parameters.of(draws), 0.9)
-    assert most_amplifying(KnownVehicles(pair, known)).startswith("Wild may amplify")
+    assert most_amplifying(AssessedVehicles(pair, known)).startswith("Wild may amplify")

@@ -22,8 +22,8 @@ from accpinn.results.messages.estimate import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.stability import margin_table, verdict_table
-from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import prepare_snapshot
+from accpinn.study.vehicles import assessed_vehicles
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import parse_order
@@ -91,7 +91,7 @@ def test_what_is_trained_is_what_is_shown(preset: PresetName) -> None:
     (shown,) = (parameters_from(session, "estimate", ()).vehicles.parameters.everything,)
     assert shown == pytest.approx(result.parameters.everything, abs=1e-9)
     page = open_page("Stability", session)
-    assert page.shows(verdict_table(known_vehicles(result)))
+    assert page.shows(verdict_table(assessed_vehicles(result)))
     assert ("Probability" in page.plain()) is (result.posterior is not None)
 
 
@@ -101,9 +101,8 @@ def test_the_estimate_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert all(label in page.plain() for label in session.segment.labels[1:])
     said = headline(page)
     assert said.startswith("Estimate: synthetic_astazero_like.csv, 0–60 s")
-    assert probabilities(known_vehicles(session.result).vehicles, session.result.uncertainty) in (
-        page.plain()
-    )
+    subject = assessed_vehicles(session.result)
+    assert probabilities(subject.vehicles, subject.uncertainty) in page.plain()
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
@@ -208,7 +207,7 @@ def test_what_is_taken_over_by_hand_is_the_learned_set_with_all_digits(model: st
     session = with_pair()
     session.choose_model(model)
     result = train_at_once(session)
-    learned = known_vehicles(result)
+    learned = assessed_vehicles(result)
     page = open_page("Stability", session).choose("stability_source", "hand")
     typed = parameters_from(session, "hand", ())
     np.testing.assert_allclose(
@@ -241,6 +240,21 @@ def test_by_hand_another_model_has_its_own_parameters() -> None:
         session.choices[ROWS] = ((name, *values[:place], value, *values[place + 1 :]),)
         (error,) = open_page("Stability", session).boxes("error")
         assert sentence in error
+
+
+def test_waves_of_either_direction_are_shown_of_models_that_tell_them_apart() -> None:
+    page = open_page("Stability", with_example()).choose("stability_source", "hand")
+    page.choose("stability_rows_model", "unequal")
+    session = page.workspace()
+    name, *values = session.choices[ROWS][0]
+    session.choices[ROWS] = ((name, *values), ("Other", values[0], 3.0, *values[2:]))
+    page = open_page("Stability", session).open_tab("stability", "Waves")
+    lines = {trace["name"]: trace["y"] for trace in page.figures()[-1]["data"]}
+    assert len(lines) == 4
+    waves = parameters_from(session, "hand", ()).waves
+    assert waves is not None
+    assert waves.vehicles[0].braking == pytest.approx(waves.vehicles[0].accelerating, rel=0.01)
+    assert waves.vehicles[1].braking != pytest.approx(waves.vehicles[1].accelerating, rel=0.01)
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
@@ -510,7 +524,7 @@ class TestPage:
         session.choose_model("idm")
         train_at_once(session)
         open_page("Stability", session).choose("stability_speed", 30.0)
-        source = known_vehicles(session.result).at_speed(30.0 / 3.6)
+        source = assessed_vehicles(session.result).at_speed(30.0 / 3.6)
         there = open_page("Platoon", session).plain()
         assert probabilities(source.vehicles, source.uncertainty) in there
 

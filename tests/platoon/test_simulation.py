@@ -25,8 +25,8 @@ from accpinn.platoon import (
     TransientLeft,
 )
 from accpinn.platoon.leader import Leader, Recorded
+from accpinn.results.cast import Cast
 from accpinn.results.messages.platoon import disturbance
-from accpinn.results.vehicles import Cast
 from accpinn.stability.criteria import response
 from accpinn.units import FloatArray
 from tests.support.driving import motion

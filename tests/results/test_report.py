@@ -27,8 +27,8 @@ from accpinn.results.report import (
     tables_of,
 )
 from accpinn.results.tables.stability import GAIN
-from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import Result
+from accpinn.study.vehicles import assessed_vehicles
 from accpinn.study.verification import PROMPT, Verification, verify
 from tests.support.html import Reader
 from tests.support.snapshots import (
@@ -176,7 +176,7 @@ def test_tables_hold_the_snapshots_numbers_and_are_offered_as_files(reader: Read
     table = tables_of(whole())["stability"]
     at = table.columns.index(GAIN)
     gains = [row[at] for row in table.rows]
-    assert gains == [v.linf_gain for v in known_vehicles(whole()).report.vehicles]
+    assert gains == [v.linf_gain for v in assessed_vehicles(whole()).report.vehicles]
     shown += map(GAIN.shown, gains)
     assert not [number for number in shown if not any(cell.startswith(number) for cell in cells)]
     files = {a["download"]: a["href"] for a in reader.having("download")}
@@ -224,7 +224,7 @@ def test_pictures_show_the_data_the_curves_and_the_simulation() -> None:
 def test_the_platoon_is_that_of_the_study() -> None:
     run, _, pictures, who = platoon_pictures(whole())
     assert who == "The 4 followers in their order"
-    assert run.leader.frequency == known_vehicles(whole()).report.platoon.peaks[-1].omega
+    assert run.leader.frequency == assessed_vehicles(whole()).report.platoon.peaks[-1].omega
     assert run.trajectories.gaps.shape[1] == 4
     assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
 

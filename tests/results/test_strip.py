@@ -17,8 +17,8 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.marks import EXTRAPOLATED, LEGEND, OUTSIDE
 from accpinn.results.strip import Strip, strip_of
 from accpinn.results.tables import Column, Marked, Table
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study.result import Result
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from accpinn.units import Quantity
 from tests.support.html import Reader
 from tests.support.snapshots import missing_the_drive, recommended, trained, two_windows
@@ -27,7 +27,7 @@ LOUD, CALM = Parameters(0.08, 0.12, 1.5), Parameters(0.05, 0.6, 1.8)
 
 
 def strip(result: Result) -> Strip:
-    return strip_of(known_vehicles(result))
+    return strip_of(assessed_vehicles(result))
 
 
 @pytest.mark.parametrize("made", [trained, recommended, two_windows])
@@ -54,7 +54,7 @@ def of_shares(*shares: float) -> Strip:
     drawn = Parameters.of(np.array([[one.complete for one in row] for row in draws]))
     names = tuple(f"Car {k}" for k in range(len(shares)))
     known = from_draws(centre, drawn, 0.9)
-    return strip_of(KnownVehicles(ParameterSet("cars", names, centre), known))
+    return strip_of(AssessedVehicles(ParameterSet("cars", names, centre), known))
 
 
 def test_a_mark_is_sure_above_95_and_below_5_percent_of_the_draws() -> None:
@@ -62,7 +62,8 @@ def test_a_mark_is_sure_above_95_and_below_5_percent_of_the_draws() -> None:
     said = [row.l2.assessment for row in rows]
     assert said == ["unstable", "unstable", "undecided", "stable", "stable"]
     assert not any(row.l2.is_point for row in rows)
-    assert [row.l2.assessment for row in strip_of(KnownVehicles(ASTAZERO)).rows] == 4 * ["unstable"]
+    published = strip_of(AssessedVehicles(ASTAZERO))
+    assert [row.l2.assessment for row in published.rows] == 4 * ["unstable"]
 
 
 def test_trust_says_why_it_is_missing() -> None:
@@ -75,19 +76,19 @@ def test_trust_says_why_it_is_missing() -> None:
     assert [row.trust.brief for row in others] == [
         row.trust.brief for row in strip(result).rows[1:]
     ]
-    (untold, *_) = strip_of(KnownVehicles(ASTAZERO)).rows
+    (untold, *_) = strip_of(AssessedVehicles(ASTAZERO)).rows
     assert untold.trust.is_trusted is None
     against = GainCheck(3, 9, contradiction="damps", highest=-1.0)
-    rows = strip_of(KnownVehicles(ASTAZERO, checks=(against,))).rows
+    rows = strip_of(AssessedVehicles(ASTAZERO, checks=(against,))).rows
     assert [row.trust.is_trusted for row in rows] == [None, False, None, None]
     two = ParameterSet("two", ("A", "B"), result.parameters[:2])
-    mixed = KnownVehicles(two, cars=((missing, 0), (result, 1)))
+    mixed = AssessedVehicles(two, cars=((missing, 0), (result, 1)))
     trusts = [row.trust for row in strip_of(mixed).rows]
     assert trusts[0].is_trusted is False
     assert missing.trust[0].in_words in trusts[0].why
     assert trusts[1] == strip(result).rows[1].trust
     by_hand = replace(ASTAZERO, by_hand=(0.0, 0.0, 1.0, 0.0))
-    rows = strip_of(KnownVehicles(by_hand)).rows
+    rows = strip_of(AssessedVehicles(by_hand)).rows
     assert [bool(row.trust.brief) for row in rows] == [False, False, True, False]
 
 
@@ -101,7 +102,7 @@ def test_followers_that_share_their_parameters_have_one_row() -> None:
 
 
 def test_some_vehicles_alone_keep_their_colours() -> None:
-    whole = strip_of(KnownVehicles(ASTAZERO))
+    whole = strip_of(AssessedVehicles(ASTAZERO))
     part = whole.of_places({2})
     assert [row.label for row in part.rows] == [ASTAZERO.labels[2]]
     colours = vehicle_colours(ASTAZERO.vehicles)
@@ -125,7 +126,7 @@ def test_an_axis_holds_values_and_all_but_far_too_wide_intervals() -> None:
 
 
 def test_extrapolated_and_outside_an_interval_have_marks_of_their_own() -> None:
-    strip = strip_of(KnownVehicles(ASTAZERO))
+    strip = strip_of(AssessedVehicles(ASTAZERO))
     first = strip.rows[0]
     value = first.time_gap.quantity.value
     shapes = []
@@ -148,7 +149,7 @@ def test_extrapolated_and_outside_an_interval_have_marks_of_their_own() -> None:
 
 def test_the_markup_has_a_reason_for_every_point_and_mark_and_no_html_of_a_name() -> None:
     named = replace(ASTAZERO, labels=("<b>A</b>", *ASTAZERO.labels[1:]))
-    html = strip_html(strip_of(KnownVehicles(named)))
+    html = strip_html(strip_of(AssessedVehicles(named)))
     reader = Reader(html)
     assert "<b>A</b>" not in html
     assert "<b>A</b>" in " ".join(text for _, text in reader.texts)

@@ -5,14 +5,15 @@ import pytest
 
 from accpinn.errors import ParameterError
 from accpinn.model.registry import FOLLOWING
+from accpinn.stability.criteria import peaks
 from accpinn.stability.lagged import frequency_response
-from accpinn.stability.waves import wave_growth
+from accpinn.stability.waves import SIZES, wave_growth, waves
 from accpinn.units import FloatArray
 
 SPEED = 25.0
 OMEGA = np.array([0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.5])
 UNEQUAL = np.array([0.06, 2.1, 0.25, 1.2, 1.1, 5.0])
-"""α, q, β, k, τ, s₀ of a car that eases off twice as hard as it closes up."""
+"""α₊, q, β₊, k, τ, s₀ of a car that eases off twice as hard as it closes up."""
 
 
 @pytest.mark.parametrize("key", ["cthp", "cthp-s0", "cthp-s0-lag", "cthp-s0-delay"])
@@ -72,6 +73,30 @@ def test_equal_gains_are_the_cthp_with_s0() -> None:
     linear = FOLLOWING["cthp-s0"].linearised(np.array([0.06, 0.25, 1.1, 5.0]), SPEED)
     growth = wave_growth(FOLLOWING["unequal"], theta, SPEED, OMEGA)
     np.testing.assert_allclose(growth.harmonic, abs(frequency_response(linear[None], OMEGA))[0])
+
+
+@pytest.mark.parametrize("key", ["cthp-s0-delay", "unequal", "fvdm-lag"])
+def test_the_largest_growth_of_a_small_wave_is_the_peak_of_the_gain(key: str) -> None:
+    model = FOLLOWING[key]
+    theta = np.append(UNEQUAL, 0.6) if key == "unequal" else model.typical
+    theta = theta[: len(model.parameters)]
+    found = waves(model, theta[None], np.array([SPEED]), ("A",), (2,))
+    (vehicle,) = found.vehicles
+    np.testing.assert_array_equal(vehicle.amplitude, SIZES)
+    peak = float(peaks(model.linearised(theta, SPEED)[None]).gain[0])
+    assert vehicle.harmonic[0] == pytest.approx(peak, rel=0.02)
+    frame = found.to_frame()
+    assert frame.braking.tolist() == vehicle.braking.tolist()
+    assert vehicle.at(SIZES[1])[0] == vehicle.braking[1]
+
+
+def test_nothing_is_said_of_a_vehicle_that_is_not_determined_and_slow_waves_are_small() -> None:
+    model = FOLLOWING["idm"]
+    theta = np.stack([model.typical, np.full(len(model.parameters), np.nan)])
+    first, second = waves(model, theta, np.array([5.0, SPEED]), ("A", "B"), (2, 3)).vehicles
+    assert first.amplitude.max() <= 0.4 * 5.0
+    assert np.isfinite(first.braking).all()
+    assert np.isnan(second.braking).all()
 
 
 def test_a_speed_without_equilibrium_is_refused() -> None:

@@ -19,16 +19,17 @@ from accpinn.model.spec import ModelSpec
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.recordings.files import read
+from accpinn.results.cast import Cast
 from accpinn.results.documents import parameter_card
 from accpinn.results.figures.platoon import profiles
 from accpinn.results.messages.platoon import by_linearisation
 from accpinn.results.report import training_pictures
-from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.stability import stability_report
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load, to_bytes
+from accpinn.study.vehicles import assessed_vehicles
 from tests.support.command import STUDY, Capture, document
 from tests.support.following import driven
 from tests.support.openacc_files import csv, metadata
@@ -93,7 +94,7 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
     result = idm_result(folder)
     speed = float(result.estimate.speeds[0])
     near = FOLLOWING["idm"].linearised(result.parameters.nonlinear[0], speed)
-    subject = known_vehicles(result)
+    subject = assessed_vehicles(result)
     np.testing.assert_allclose(subject.vehicles.parameters.complete[0], near.complete)
     np.testing.assert_allclose(subject.uncertainty.draws.nonlinear.shape[-1], 5)
     true = FOLLOWING["idm"].linearised(IDM[0], speed)
@@ -117,10 +118,10 @@ def test_the_margin_is_that_of_the_linearisation_at_the_speed(folder: Path) -> N
         assert found.time_gap.value == pytest.approx(near.tau + near.s0 / speed)
         assert found.l2.distance.value == pytest.approx(near.tau - said.smallest_tau.l2)
         assert found.l2.distance.lower < found.l2.distance.upper
-        there = known_vehicles(result).at_speed(speed).margins.vehicles[0]
+        there = assessed_vehicles(result).at_speed(speed).margins.vehicles[0]
         assert there.l2.distance.value == pytest.approx(found.l2.distance.value)
     (own,) = result.margin().vehicles
-    assert own == known_vehicles(result).margins.vehicles[0]
+    assert own == assessed_vehicles(result).margins.vehicles[0]
     for speed in (0.0, -3.0, np.nan, 200.0):
         with pytest.raises(ParameterError):
             result.margin(speed)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from accpinn.channels import SPEED
 from accpinn.platoon import PlatoonRun
+from accpinn.results.cast import Cast
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import CAR_LENGTH, close_up, colours_of, samples
-from accpinn.results.vehicles import Cast
 from accpinn.units import FloatArray
 
 INSTANTS = 500

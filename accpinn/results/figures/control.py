@@ -1,4 +1,4 @@
-"""What control engineers ask of vehicles, as figures: poles, responses in time, and margins."""
+"""What control engineers ask of vehicles, as figures: poles, responses, margins, large waves."""
 
 import html
 from collections.abc import Sequence
@@ -19,8 +19,9 @@ from accpinn.results.figures.stability import (
     WHOLE_NAME,
     colours,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability.modes import dominant_poles, responses
+from accpinn.stability.waves import Waves
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity, Seconds
 
 HEIGHT = 320
@@ -39,7 +40,7 @@ RESPONSE: tuple[Seconds, Seconds] = (10.0, 90.0)
 """Least and greatest length of the responses in sight."""
 
 
-def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """Poles and zeros of every vehicle, and the rightmost poles of some posterior samples.
 
     What is in sight are the poles that decide; faster ones lie to the left. The height is in
@@ -89,7 +90,7 @@ def pole_map(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
+def step_responses(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
     """The speed of every vehicle after a unit step of the speed ahead. The height is in pixels."""
     vehicles, end = subject.vehicles, response_length(subject)
     chart = style.Chart("step-responses", height, hoverdistance=200)
@@ -109,7 +110,7 @@ def step_responses(subject: KnownVehicles, height: int = HEIGHT) -> go.Figure:
     return chart.figure()
 
 
-def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go.Figure:
+def impulse_response(subject: AssessedVehicles, k: int, height: int = HEIGHT) -> go.Figure:
     """H of one vehicle, its areas above and below zero shaded, with the verdict's ‖h‖₁.
 
     The height is in pixels.
@@ -139,13 +140,13 @@ def impulse_response(subject: KnownVehicles, k: int, height: int = HEIGHT) -> go
     return chart.figure()
 
 
-def response_length(subject: KnownVehicles) -> Seconds:
+def response_length(subject: AssessedVehicles) -> Seconds:
     """The time that responses show: until all vehicles that settle have done so."""
     settled = [m.settling for m in subject.modes if np.isfinite(m.settling)]
     return float(np.clip(1.25 * max(settled, default=RESPONSE[1]), *RESPONSE))
 
 
-def margin_forest(subject: KnownVehicles) -> go.Figure:
+def margin_forest(subject: AssessedVehicles) -> go.Figure:
     """The margin of every vehicle's time gap by both norms, and of the platoon, with intervals.
 
     A triangle at the left end stands for a vehicle that no larger time gap makes stable, one at the
@@ -188,6 +189,33 @@ def margin_forest(subject: KnownVehicles) -> go.Figure:
     chart.axis("y", tickvals=[*range(len(rows))][::-1], ticktext=names, showgrid=False,
                range=[-0.6, last + 0.6])  # fmt: skip
     chart.words("unstable", 0.005, 0.995)
+    return chart.figure()
+
+
+def growth_by_size(subject: AssessedVehicles, found: Waves, height: int = HEIGHT) -> go.Figure:
+    """How much waves grow by their size: braking ones, accelerating ones dashed, and small ones.
+
+    The height is in pixels.
+    """
+    chart = style.Chart("waves", height, hoverdistance=30)
+    chart.level("y", 1.0, LIMIT, "below")
+    rows = zip(found.vehicles, colours(subject.vehicles), subject.report.vehicles, strict=True)
+    tops, end = [1.1], 0.0
+    for k, (vehicle, colour, linear) in enumerate(rows):
+        label = found.names[k]
+        size, small = 3.6 * vehicle.amplitude, linear.peak.gain
+        for part, words, dash in (
+            (vehicle.braking, "braking", "solid"), (vehicle.accelerating, "accelerating", "dash"),
+        ):  # fmt: skip
+            chart.line(
+                np.insert(size, 0, 0.0), np.insert(part, 0, small), f"{label}, {words}", colour,
+                2.2, dash, showlegend=dash == "solid",
+                hover=f"{words}: %{{y:.2f}} at %{{x:.0f}} km/h<extra>{html.escape(label)}</extra>",
+            )  # fmt: skip
+            tops += part[np.isfinite(part)].tolist()
+        end = max(end, float(size[-1]))
+    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
+    chart.axis("y", "Growth", range=[min(0.9, *tops), 1.05 * min(max(tops), 5.0)])
     return chart.figure()
 
 

@@ -19,6 +19,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.steady import steady_gains
+from accpinn.results.cast import Cast
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import WIDTHS, colours_of
 from accpinn.results.figures.stability import (
@@ -34,10 +35,10 @@ from accpinn.results.figures.stability import (
     draw_clickable,
     frequencies,
 )
-from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.lagged import is_lagged
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, interval_ends
 
 Part = Literal["magnitude", "phase"]
@@ -69,7 +70,7 @@ UNITS: dict[Part, tuple[str, int]] = {"magnitude": ("dB", 2), "phase": ("°", 1)
 """Unit and decimals of each part where it is written."""
 
 
-def response_curves(subject: KnownVehicles, part: Part, height: int) -> go.Figure:
+def response_curves(subject: AssessedVehicles, part: Part, height: int) -> go.Figure:
     """The magnitude or phase of every vehicle's response, in half the bytes.
 
     Every point carries the vehicle's index as its custom data, as in `bode`. The magnitude has the
@@ -117,7 +118,7 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
 
 
 def frequency_data(
-    subject: KnownVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
+    subject: AssessedVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
 ) -> dict[str, Any]:
     """What the browser draws at any of the offered frequencies, as JSON has it.
 
@@ -179,7 +180,7 @@ def phases(parameters: Parameters, omega: FloatArray) -> FloatArray:
     return np.asarray(np.degrees(np.unwrap(along, axis=1)[:, BELOW_POINTS:]))
 
 
-def bode_phase(subject: KnownVehicles, height: int) -> go.Figure:
+def bode_phase(subject: AssessedVehicles, height: int) -> go.Figure:
     """The phase of every vehicle's response over frequency, and from the leader to the last.
 
     Points carry the vehicle's index as in `bode`; the uncertainty adds the interval of every

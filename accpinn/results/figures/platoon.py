@@ -17,11 +17,11 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
 from accpinn.results.messages.stability import three
 from accpinn.results.reproduction import PANEL_FOLLOWERS, PANELS
-from accpinn.results.vehicles import Cast
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
 

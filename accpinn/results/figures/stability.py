@@ -14,13 +14,13 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import style
 from accpinn.results.reproduction import PANELS, TEXT_PEAK, TEXT_PEAK_AT
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response, smallest_beta_l2, smallest_headway_exact
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.margin import l2_headways
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.region import AXES, Limits, Plane, Region, stable_region
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, RadiansPerSecond, interval_ends
 
 QUANTITIES = (ALPHA, BETA, TAU)
@@ -81,7 +81,7 @@ def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     return tuple(style.vehicle_colours(vehicles.vehicles)[1:])
 
 
-def measured_of(subject: KnownVehicles) -> list[tuple[str, str, MeasuredGain]]:
+def measured_of(subject: AssessedVehicles) -> list[tuple[str, str, MeasuredGain]]:
     """Label, colour and measured gain of each follower.
 
     There is none for vehicles at another speed than the recorded ones.
@@ -94,7 +94,7 @@ def measured_of(subject: KnownVehicles) -> list[tuple[str, str, MeasuredGain]]:
     return [(label, colour, gain) for label, colour, gain in named if gain]
 
 
-def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
+def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, `WHOLE` for the whole platoon. The
@@ -220,7 +220,7 @@ def _draw_peaks(chart: style.Chart, vehicles: ParameterSet, report: StabilityRep
         )  # fmt: skip
 
 
-def criteria_by_vehicle(subject: KnownVehicles) -> go.Figure:
+def criteria_by_vehicle(subject: AssessedVehicles) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
     chart = style.Chart("criteria", 400, style.stack(1, 1, spacing=0.1), hovermode="x unified")
     vehicles, rows, platoon = subject.vehicles, subject.report.vehicles, subject.report.platoon
@@ -251,7 +251,7 @@ def criteria_by_vehicle(subject: KnownVehicles) -> go.Figure:
     return chart.figure()
 
 
-def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
+def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figure:
     """Where the criteria's boundaries run in a plane of two parameters, and the vehicles on it.
 
     The map keeps the third parameter, the lag and the delay of the vehicle of index ``held``, and
@@ -481,7 +481,11 @@ def paper_bode(
 
 
 def measured_bode(
-    measured: MeasuredGain, name: str, colour: str, model: KnownVehicles | None = None, k: int = 0
+    measured: MeasuredGain,
+    name: str,
+    colour: str,
+    model: AssessedVehicles | None = None,
+    k: int = 0,
 ) -> go.Figure:
     """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below.
 

@@ -115,8 +115,8 @@ def strip_html(strip: Strip) -> str:
     Examples:
         >>> from accpinn.model.published import ASTAZERO
         >>> from accpinn.results.strip import strip_of
-        >>> from accpinn.results.vehicles import KnownVehicles
-        >>> strip_html(strip_of(KnownVehicles(ASTAZERO))).count('class="strip-row"')
+        >>> from accpinn.study.vehicles import AssessedVehicles
+        >>> strip_html(strip_of(AssessedVehicles(ASTAZERO))).count('class="strip-row"')
         4
     """
     gaps = axis_around([row.time_gap.quantity for row in strip.rows], NARROWEST_GAP)

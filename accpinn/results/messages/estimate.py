@@ -91,6 +91,8 @@ def _card(description: Description, rows: Sequence[Row]) -> Card:
     are_several, subject = len(rows) > 1 or rows[0].number == 0, description.vehicles
     lead = [_headline(labels, are_several, description, rows)]
     lead += _gains("Their" if are_several else "Its", rows)
+    if meaning := "" if are_several else meaning_of(description.estimate.model, rows[0]):
+        lead.append(f"It {meaning}.")
     if subject.assessed[places[0]] != "not determined":
         lead.append(becomes(subject, places, "they" if are_several else "it", are_several))
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
@@ -210,6 +212,22 @@ def _gains(whose: str, rows: Sequence[Row]) -> tuple[str, ...]:
     if factor <= SYMMETRIC:
         return (f"{whose} gains: ±{5 * ceil(20 * (factor - 1))} %.",)
     return (f"{whose} gains: -{100 * (1 - 1 / below):.0f}/+{100 * (above - 1):.0f} %.",)
+
+
+def meaning_of(model: str, row: Row) -> str:
+    """What a follower's parameters say of it, with intervals; empty where its model says nothing.
+
+    As "eases off 2.1 (1.6 to 2.8) times as hard as it closes up".
+    """
+    spans = {name: value.span for name, value in row.known[1].items()}
+    if any(isnan(span.value) for span in spans.values()):
+        return ""
+    values = {
+        name: f"{span.value:.2g}"
+        + ("" if isnan(span.lower) else f" ({span.lower:.2g} to {span.upper:.2g})")
+        for name, span in spans.items()
+    }
+    return FOLLOWING[model].meaning.format_map(values)
 
 
 def about_band(model: str) -> str:

@@ -6,9 +6,10 @@ from accpinn.findings import joined, percent
 from accpinn.inference.intervals import LEVEL
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.messages.stability import MAY_AMPLIFY, three
-from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import Quantity
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
@@ -65,7 +66,7 @@ def _interval(growth: Quantity | None) -> str:
     return f" ({percent(LEVEL)}: {three(growth.lower)}{upper})"
 
 
-def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
+def growth_of(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> Quantity | None:
     """The last follower's amplitude by the leader's, with its interval.
 
     None where no uncertainty is known, behind a leader that is no sinusoid or of which no period

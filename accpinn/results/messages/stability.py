@@ -7,8 +7,8 @@ from accpinn.findings import all_of, capital, joined, percent, probability, spel
 from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.results.vehicles import ALL_OF_IT, KnownVehicles, against_model
-from accpinn.results.vehicles import against_measured as against_measured
+from accpinn.results.objections import against_measured as against_measured
+from accpinn.results.objections import against_model
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -18,6 +18,8 @@ from accpinn.stability import (
     Verdict,
 )
 from accpinn.stability.margin import State
+from accpinn.stability.waves import USUAL, Waves
+from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
@@ -82,7 +84,7 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     )
 
 
-def most_needed(subject: KnownVehicles) -> str:
+def most_needed(subject: AssessedVehicles) -> str:
     """The vehicle that is farthest from string stability, or nearest to losing it, in a sentence.
 
     By L₂, as the verdict above the pages' pictures.
@@ -119,7 +121,7 @@ def _gap(distance: Quantity, sign: int) -> str:
     return f"{value:.2f} s ({ends[0]:.2f} {high})"
 
 
-def about_margin(subject: KnownVehicles) -> str:
+def about_margin(subject: AssessedVehicles) -> str:
     """What the margins are, beside their picture."""
     speeds = 3.6 * subject.margins.speed
     low, high = round(float(speeds.min())), round(float(speeds.max()))
@@ -129,6 +131,28 @@ def about_margin(subject: KnownVehicles) -> str:
     return f"At {at}, all else kept.{bars}"
 
 
+def waves_in_words(found: Waves) -> str:
+    """How much the two directions of a wave grow by the vehicle that amplifies most."""
+    rows = [(name, vehicle, min(USUAL, float(vehicle.amplitude[-1])))
+            for name, vehicle in zip(found.names, found.vehicles, strict=True)]  # fmt: skip
+    grow = [(max(vehicle.at(size)), name, vehicle.at(size), size) for name, vehicle, size in rows]
+    grow = [row for row in grow if not isnan(row[0])]
+    if not grow:
+        return "No steady wave is found."
+    _, name, (braking, accelerating), size = max(grow)
+    most = " most" if len(rows) > 1 else ""
+    return (
+        f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
+        f" an accelerating one {grown(accelerating)}."
+    )
+
+
+WAVES = (
+    "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
+    " follower's steady motion, at the frequency at which it is largest: of the deviation below the"
+    " mean speed (braking) and above it (accelerating). At size 0: the peak of |H|."
+)
+"""What the growth of waves is."""
 MARGIN = (
     "Margin: the vehicle's time gap τ + s₀/v minus the smallest at which it is string stable with"
     " its own gains, s₀, lag and delay; that is τ - τ_min at every speed. A nonlinear model is"
@@ -147,7 +171,7 @@ POLES = (
 """What poles and responses are."""
 
 
-def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
+def reasons(subject: AssessedVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
     """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
     verdicts = [
         (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
@@ -156,7 +180,7 @@ def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]
     return [*verdicts, ("The platoon", platoon_reasons(subject))] if len(verdicts) > 1 else verdicts
 
 
-def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
+def platoon_reasons(subject: AssessedVehicles) -> list[tuple[Verdict, str]]:
     """The platoon's verdicts by L₂, strict and weak, and by L∞, each with its reason."""
     report, names = subject.report, subject.vehicles.spoken
     verdicts, platoon = report.vehicles, report.platoon
@@ -269,7 +293,7 @@ def _strict(what: str, names: Sequence[str], verdicts: Sequence[tuple[Verdict, f
     return f"{capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
-def along_platoon(subject: KnownVehicles) -> str:
+def along_platoon(subject: AssessedVehicles) -> str:
     """How much a disturbance grows from the leader to the last of several vehicles, and why."""
     platoon = subject.report.platoon
     if platoon.l2_strict.stable:
@@ -332,7 +356,7 @@ def three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def headline(subject: KnownVehicles) -> str:
+def headline(subject: AssessedVehicles) -> str:
     """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     A verdict that the measured gain contradicts is called the model's.
@@ -342,7 +366,7 @@ def headline(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
-def behind_verdict(subject: KnownVehicles) -> str:
+def behind_verdict(subject: AssessedVehicles) -> str:
     """Probabilities of the verdict, what the measured gain has against it, and who drives."""
     known, chosen = subject.uncertainty, subject.vehicles
     against = (objection.sentence for objection in against_model(subject))
@@ -350,7 +374,7 @@ def behind_verdict(subject: KnownVehicles) -> str:
     return " ".join(filter(None, said))
 
 
-def _verdicts(subject: KnownVehicles) -> Iterator[str]:
+def _verdicts(subject: AssessedVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
     for kind in _ASSESSED:
@@ -365,7 +389,7 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
                 yield "But peaks can still grow: see the L∞ gain."
 
 
-def most_amplifying(subject: KnownVehicles) -> str:
+def most_amplifying(subject: AssessedVehicles) -> str:
     """The vehicle that amplifies most, and by how much, in twenty words beside its name.
 
     What the measured gain contradicts is called the model's.
@@ -399,7 +423,7 @@ def most_amplifying(subject: KnownVehicles) -> str:
 
 
 def becomes(
-    subject: KnownVehicles,
+    subject: AssessedVehicles,
     alike: Sequence[int],
     named: str,
     are_several: bool | None = None,
@@ -475,7 +499,7 @@ def _odds(stable: FloatArray) -> str:
     return f" (probability of L₂ string stability: {said}{each})"
 
 
-def criteria_differ(subject: KnownVehicles) -> str:
+def criteria_differ(subject: AssessedVehicles) -> str:
     """The vehicles that are L∞ stable by the paper's criterion only; empty where none is."""
     differing = {
         name: vehicle

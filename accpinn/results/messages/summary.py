@@ -25,7 +25,7 @@ from accpinn.study.result import Result
 def equation(model: str) -> tuple[str, str]:
     """A model's name and equation of motion, and its symbols."""
     following = FOLLOWING[model]
-    symbols = joined([f"{p.symbol} [{p.unit}]" for p in following.parameters])
+    symbols = joined([parameter.heading for parameter in following.parameters])
     return (
         f"{following.title}: {following.equation}",
         f"p space-gap, v speed, Δv speed of the vehicle ahead minus own; parameters {symbols}",

@@ -32,7 +32,9 @@ from accpinn.model.cthp import Trajectories
 from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.cast import Cast
 from accpinn.results.description import describe
+from accpinn.results.figures import control
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.laboratory import steady_waves
@@ -59,11 +61,11 @@ from accpinn.results.strip import strip_of
 from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.stability import criteria_part, known_table
-from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
+from accpinn.study.vehicles import assessed_vehicles
 from accpinn.study.verification import PROMPT, Verification, verify
 from accpinn.units import FloatArray
 
@@ -167,7 +169,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 
 def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
-    subject, motion = known_vehicles(snapshot), [motion_picture(snapshot)] * with_curves
+    subject, motion = assessed_vehicles(snapshot), [motion_picture(snapshot)] * with_curves
     description = describe(snapshot)
     strip = strip_of(description.vehicles, description)
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
@@ -275,7 +277,7 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
-    subject = known_vehicles(snapshot)
+    subject = assessed_vehicles(snapshot)
     uncertainty, vehicles = subject.uncertainty, subject.vehicles
     if not subject.has_report:
         return
@@ -294,13 +296,17 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if uncertainty:
         about += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     yield Picture("map", with_legend(chart), about)
+    if waves := subject.waves:
+        said = [on_stability.waves_in_words(waves), "Solid: braking waves; dashed: accelerating."]
+        chart = with_legend(control.growth_by_size(subject, waves))
+        yield Picture("waves", chart, " ".join([*said, on_stability.WAVES]))
 
 
 def platoon_pictures(
     snapshot: Result,
 ) -> tuple[PlatoonRun, Cast, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
-    subject = known_vehicles(snapshot)
+    subject = assessed_vehicles(snapshot)
     vehicles = subject.vehicles
     if not subject.has_report:
         return None

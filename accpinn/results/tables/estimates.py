@@ -40,13 +40,13 @@ from accpinn.results.tables import (
     Table,
     interval_cells,
 )
-from accpinn.results.vehicles import ALL_OF_IT, where
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, beyond, wins
 from accpinn.study.result import Result
+from accpinn.study.vehicles import ALL_OF_IT, where
 from accpinn.units import MetresPerSecond, Quantity
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)

@@ -25,10 +25,11 @@ from accpinn.results.tables import (
     interval_cells,
     percent_cells,
 )
-from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
+from accpinn.stability.waves import Waves
+from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
@@ -103,12 +104,12 @@ def criteria_part(table: Table) -> Table:
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
-def known_table(subject: KnownVehicles) -> Table:
+def known_table(subject: AssessedVehicles) -> Table:
     """The `stability_table` of vehicles with all that is known of them."""
     return stability_table(subject.vehicles, subject.report, subject.uncertainty, subject.checks)
 
 
-def verdict_table(subject: KnownVehicles) -> Table:
+def verdict_table(subject: AssessedVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
@@ -116,7 +117,7 @@ def verdict_table(subject: KnownVehicles) -> Table:
     return replace(narrow, caption="")
 
 
-def modes_table(subject: KnownVehicles) -> Table:
+def modes_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
     known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
     gains = [vehicle.linf_gain for vehicle in report]
@@ -145,7 +146,7 @@ def _pole(poles: NDArray[np.complex128]) -> str | None:
     return f"{first.real:.3f}" + f" ± {abs(first.imag):.3f}j" * bool(first.imag)
 
 
-def margin_table(subject: KnownVehicles) -> Table:
+def margin_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
     found = subject.margins
     rows, platoon = [*found.vehicles], found.platoon
@@ -171,6 +172,26 @@ def margin_table(subject: KnownVehicles) -> Table:
             (Column("Margin", "s", digits, group), margins),
         ]
     return Table.of(f"Margin of the time gap, {subject.vehicles.title}", filled)
+
+
+def waves_table(found: Waves) -> Table:
+    """One row a vehicle and size of a wave: how much a braking and an accelerating one grow."""
+    rows = [(name, v, k) for name, v in zip(found.names, found.vehicles, strict=True)
+            for k in range(len(v.amplitude))]  # fmt: skip
+    parts = (("Braking", "braking"), ("Accelerating", "accelerating"),
+             ("First harmonic", "harmonic"))  # fmt: skip
+    return Table.of(
+        "Growth of waves",
+        [
+            (Column("Vehicle"), [name for name, *_ in rows]),
+            (Column("Mean speed", "km/h", 0), [3.6 * v.speed for _, v, _ in rows]),
+            (Column("Size", "m/s", 1), [float(v.amplitude[k]) for _, v, k in rows]),
+            *(
+                (Column(title, "", 3), [float(getattr(v, part)[k]) for _, v, k in rows])
+                for title, part in parts
+            ),
+        ],
+    )
 
 
 def _plain(value: Quantity) -> Cell:

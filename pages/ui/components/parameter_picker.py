@@ -17,9 +17,9 @@ from accpinn.model.registry import CTHP_S0, FOLLOWING, PAPER
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.vehicles import KnownVehicles, known_vehicles, typed_vehicles
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles, typed_vehicles
 from accpinn.units import FloatArray
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, segments, select
@@ -62,7 +62,7 @@ MOST = 20
 """Vehicles typed in at most."""
 
 
-def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicles | None:
+def choose_parameters(workspace: Workspace, page: str, lead: str) -> AssessedVehicles | None:
     """The picker below what it is about, and the parameters chosen; None without a verdict.
 
     ``page`` begins the keys of the widgets; ``lead`` is the caption for those of no recording.
@@ -136,7 +136,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
 
 def parameters_from(
     workspace: Workspace, source: ParameterSource, entries: tuple[Entry, ...]
-) -> KnownVehicles | None:
+) -> AssessedVehicles | None:
     """The parameters that a source holds now; None for the estimate where there is none.
 
     Raises:
@@ -146,7 +146,7 @@ def parameters_from(
     if source == "published":
         title = choices.get(EXAMPLE, ASTAZERO.title)
         vehicles = next(published for published in PUBLISHED if published.title == title)
-        return KnownVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
+        return AssessedVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
     if source == "hand":
         return _typed(choices.get(MODEL, PAPER), choices.get(ROWS, ()))
     if source == "several":
@@ -156,7 +156,7 @@ def parameters_from(
         result = opened(_chosen_snapshot(workspace, entries))
     if result is None:
         return None
-    subject = known_vehicles(result)
+    subject = assessed_vehicles(result)
     vehicles, known = subject.vehicles, subject.uncertainty
     if result.info.shares(result.estimate.case):  # one stands for all
         known = of_first(known) if known else None
@@ -185,7 +185,7 @@ def cars_of(workspace: Workspace) -> tuple[tuple[Result, int], ...]:
     )
 
 
-def of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
+def of_several(cars: Sequence[tuple[Result, int]]) -> AssessedVehicles:
     """Vehicles of several results, each near its median speed."""
     labels = [result.info.labels[k + 1] for result, k in cars]
     vehicles = ParameterSet(
@@ -211,7 +211,7 @@ def of_several(cars: Sequence[tuple[Result, int]]) -> KnownVehicles:
         drawn = Parameters.of(np.stack(draws, axis=1))
         uncertainty = from_draws(vehicles.parameters, drawn, level)
     origin = f"{SOURCES['several']}: {said}"
-    return KnownVehicles(vehicles, uncertainty, checks, origin=origin, cars=tuple(cars))
+    return AssessedVehicles(vehicles, uncertainty, checks, origin=origin, cars=tuple(cars))
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
@@ -221,7 +221,7 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
     return chosen if chosen in names else names[0]
 
 
-def rows_of(subject: KnownVehicles) -> tuple[str, tuple[Row, ...]]:
+def rows_of(subject: AssessedVehicles) -> tuple[str, tuple[Row, ...]]:
     """The model of some vehicles, and their rows by hand."""
     vehicles, parameters = subject.vehicles, subject.vehicles.parameters
     if not parameters.nonlinear.size:
@@ -232,7 +232,7 @@ def rows_of(subject: KnownVehicles) -> tuple[str, tuple[Row, ...]]:
     return vehicles.model, tuple(own)
 
 
-def _speeds_of(subject: KnownVehicles) -> FloatArray:
+def _speeds_of(subject: AssessedVehicles) -> FloatArray:
     """(M,) the speeds in m/s at which vehicles are linearised."""
     count = len(subject.vehicles)
     if subject.result and subject.speed is None:
@@ -246,7 +246,7 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
     The table keeps its own changes while it is on the page.
     """
     choices = workspace.choices
-    taken = choices.get(TAKEN) or rows_of(KnownVehicles(ASTAZERO))
+    taken = choices.get(TAKEN) or rows_of(AssessedVehicles(ASTAZERO))
     if ROWS not in choices:
         choices[MODEL], choices[ROWS] = taken
     model, rows = choices.get(MODEL, PAPER), choices[ROWS]
@@ -303,7 +303,7 @@ def _columns(model: str) -> Mapping[str, Any]:
     following = FOLLOWING[model]
     number = st.column_config.NumberColumn
     parameters = OF_CTHP if following.is_linear else following.parameters
-    named = {f"{p.symbol} [{p.unit}]": number(format="%.6g", width=79) for p in parameters}
+    named = {p.heading: number(format="%.6g", width=79) for p in parameters}
     speed = number(format="%.6g", width=79, help="The speed at which the model is linearised.")
     text = st.column_config.TextColumn(max_chars=40, width=126)
     return {"Vehicle": text} | named | ({} if following.is_linear else {SPEED_COLUMN: speed})
@@ -322,7 +322,7 @@ def _padded(row: Row, length: int) -> Row:
     return (*row, *(None for _ in range(length - len(row))))
 
 
-def _typed(model: str, rows: Sequence[Row]) -> KnownVehicles:
+def _typed(model: str, rows: Sequence[Row]) -> AssessedVehicles:
     """The vehicles of a table by hand."""
     if not 0 < len(rows) <= MOST:
         raise ParameterError(
@@ -335,7 +335,7 @@ def _typed(model: str, rows: Sequence[Row]) -> KnownVehicles:
     values = table.iloc[:, 1:].to_numpy(float)
     if FOLLOWING[model].is_linear:
         typed = typed_vehicles(BY_HAND, model, known, values, np.empty(0))
-        return KnownVehicles(typed, origin=SOURCES["hand"])
+        return AssessedVehicles(typed, origin=SOURCES["hand"])
     speeds = values[:, -1]
     typed = typed_vehicles(BY_HAND, model, known, values[:, :-1], speeds)
-    return KnownVehicles(typed, origin=SOURCES["hand"], typed_speeds=tuple(speeds.tolist()))
+    return AssessedVehicles(typed, origin=SOURCES["hand"], typed_speeds=tuple(speeds.tolist()))

@@ -257,7 +257,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        monitor(task, told=_told)
+        monitor(task, describe=_describe)
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button("Open this run", on_click=open_file, args=(workspace, run.path(root)))
@@ -279,6 +279,6 @@ def _download(workspace: Workspace, run: Run, root: Path) -> None:
     resources.download_queue().submit(task, workspace.owner or workspace.key)
 
 
-def _told(now: Transfer) -> str:
+def _describe(now: Transfer) -> str:
     size = f" of {now.size / 1e6:.1f}" if now.size else ""
     return f"{now.run.file}: {now.received / 1e6:.1f}{size} MB"

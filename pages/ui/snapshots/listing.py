@@ -23,10 +23,10 @@ from accpinn.results.tables.estimates import (
     name_of,
     parameter_cells,
 )
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
@@ -253,10 +253,10 @@ def _signed(value: float, digits: int) -> str:
 def _show_responses(first: Result, second: Result) -> None:
     """Both Bode magnitudes in one chart; nothing where the parameters of either have none."""
     charts = []
-    for subject in map(known_vehicles, (first, second)):
+    for subject in map(assessed_vehicles, (first, second)):
         if not subject.has_report:
             return
-        charts.append(bode(KnownVehicles(subject.vehicles)))
+        charts.append(bode(AssessedVehicles(subject.vehicles)))
     chart, added = charts
     for trace in added.data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):

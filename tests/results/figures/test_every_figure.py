@@ -26,16 +26,17 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
+from accpinn.results.cast import Cast
 from accpinn.results.figures import comparison, control, database, laboratory, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
 from accpinn.results.figures.style import on_paper
-from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.groups import group
 from accpinn.study.result import Result
+from accpinn.study.vehicles import assessed_vehicles
 from tests.results.figures.test_training import history
 from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
@@ -118,14 +119,14 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
         [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
-    "control.pole_map": lambda: control.pole_map(known_vehicles(known())),
-    "control.step_responses": lambda: control.step_responses(known_vehicles(known())),
-    "control.impulse_response": lambda: control.impulse_response(known_vehicles(known()), 0),
-    "control.margin_forest": lambda: control.margin_forest(known_vehicles(known())),
+    "control.pole_map": lambda: control.pole_map(assessed_vehicles(known())),
+    "control.step_responses": lambda: control.step_responses(assessed_vehicles(known())),
+    "control.impulse_response": lambda: control.impulse_response(assessed_vehicles(known()), 0),
+    "control.margin_forest": lambda: control.margin_forest(assessed_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
-        known_vehicles(known()), "magnitude", 370
+        assessed_vehicles(known()), "magnitude", 370
     ),
-    "laboratory.bode_phase": lambda: laboratory.bode_phase(known_vehicles(known()), 370),
+    "laboratory.bode_phase": lambda: laboratory.bode_phase(assessed_vehicles(known()), 370),
     "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
@@ -138,15 +139,15 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "recording.beginning": lambda: on_recording.beginning(RUN),
     "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
     "platoon.panels_thumbnail": lambda: platoon.panels_thumbnail(ASTAZERO.parameters),
-    "stability.bode": lambda: on_stability.bode(known_vehicles(known())),
+    "stability.bode": lambda: on_stability.bode(assessed_vehicles(known())),
     "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
-        known_vehicles(known())
+        assessed_vehicles(known())
     ),
     "stability.stability_map": lambda: on_stability.stability_map(
-        known_vehicles(known()), 0, "beta"
+        assessed_vehicles(known()), 0, "beta"
     ),
     "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(
-        known_vehicles(known()).vehicles
+        assessed_vehicles(known()).vehicles
     ),
     "stability.paper_bode": lambda: on_stability.paper_bode(
         replace(ASTAZERO, labels=(NAME,) * 4), ASTAZERO.parameters

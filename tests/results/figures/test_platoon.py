@@ -9,10 +9,10 @@ import pytest
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.results.cast import Cast
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import motion
 from accpinn.results.figures.style import FOLLOWERS
-from accpinn.results.vehicles import Cast
 from accpinn.stability.criteria import response
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named

@@ -13,11 +13,11 @@ from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import comparison as models
 from accpinn.results.figures import control
 from accpinn.results.figures import stability as figures
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import stability_at, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.region import AXES, Plane, stable_region
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from accpinn.units import FloatArray
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample
@@ -35,7 +35,7 @@ def decibels(vehicles: Parameters, omega: object) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def figure() -> go.Figure:
-    return figures.bode(KnownVehicles(ASTAZERO))
+    return figures.bode(AssessedVehicles(ASTAZERO))
 
 
 def test_bode_curves_are_the_magnitude_in_db_with_their_vehicle(figure: go.Figure) -> None:
@@ -70,8 +70,8 @@ def test_peaks_and_crossovers_are_marked_on_the_curves_and_amplification_is_shad
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
 def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
     pair = ParameterSet("Mine", ("odd", "calm"), row(vehicle, CALM))
-    figure = figures.bode(KnownVehicles(pair))
-    plane = figures.stability_map(KnownVehicles(pair), 0, "beta")
+    figure = figures.bode(AssessedVehicles(pair))
+    plane = figures.stability_map(AssessedVehicles(pair), 0, "beta")
     assert figure.layout.yaxis.range[1] <= figures.CEILING
     drawn = [trace.y for trace in figure.data[:2]]
     for shown in (*drawn, figure.layout.yaxis.range, plane.layout.yaxis.range):
@@ -79,7 +79,7 @@ def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
 
 
 def test_criteria_are_those_of_each_vehicle() -> None:
-    figure = figures.criteria_by_vehicle(KnownVehicles(ASTAZERO))
+    figure = figures.criteria_by_vehicle(AssessedVehicles(ASTAZERO))
     assert {trace.name: list(trace.y) for trace in figure.data} == {
         "L₂ criterion": [v.l2.value for v in REPORT.vehicles],
         "L∞ criterion of the paper": [v.linf_paper.value for v in REPORT.vehicles],
@@ -97,7 +97,7 @@ def test_criteria_are_those_of_each_vehicle() -> None:
 def test_boundaries_are_those_of_the_region(plane: Plane, delay: float) -> None:
     """Which the verdicts on either side of it confirm, see `tests.stability.test_region`."""
     late = replace(ASTAZERO, parameters=Parameters(*ASTAZERO.parameters.values.T, delay=delay))
-    figure = figures.stability_map(KnownVehicles(late), 3, plane)
+    figure = figures.stability_map(AssessedVehicles(late), 3, plane)
     (_, right), (_, top) = figure.layout.xaxis.range, figure.layout.yaxis.range
     region = stable_region(late.parameters[3], plane, right, top)
     for name, limits in (
@@ -112,14 +112,14 @@ def test_boundaries_are_those_of_the_region(plane: Plane, delay: float) -> None:
 
 
 def test_margins_and_poles_are_those_of_the_vehicles() -> None:
-    subject = KnownVehicles(ASTAZERO)
+    subject = AssessedVehicles(ASTAZERO)
     forest, places = control.margin_forest(subject), control.pole_map(subject)
     for label, margin, modes in zip(LABELS, subject.margins.vehicles, subject.modes, strict=True):
         for norm, one in (("L₂", margin.l2), ("L∞, exact", margin.linf)):
             assert named(forest, f"{label}, {norm}").x[0] == one.distance.value
         assert list(named(places, f"{label}, pole").x) == list(modes.poles.real)
     never = ParameterSet("Mine", ("late", "calm"), row(Parameters(0.1, 0.4, 1.2, delay=2.0), CALM))
-    forest = control.margin_forest(KnownVehicles(never))
+    forest = control.margin_forest(AssessedVehicles(never))
     mark = named(forest, "late, L₂")
     assert mark.marker.symbol == "triangle-left"
     assert mark.x[0] == forest.layout.xaxis.range[0]
@@ -127,7 +127,7 @@ def test_margins_and_poles_are_those_of_the_vehicles() -> None:
 
 @pytest.fixture(scope="module")
 def learned() -> tuple[ParameterSet, Uncertainty]:
-    subject = known_vehicles(recommended())
+    subject = assessed_vehicles(recommended())
     return subject.vehicles, subject.uncertainty
 
 
@@ -135,7 +135,9 @@ def test_bands_are_those_of_the_gain_beneath_the_curves(
     learned: tuple[ParameterSet, Uncertainty],
 ) -> None:
     vehicles, uncertainty = learned
-    before, figure = (figures.bode(KnownVehicles(vehicles, known)) for known in (None, uncertainty))
+    before, figure = (
+        figures.bode(AssessedVehicles(vehicles, known)) for known in (None, uncertainty)
+    )
     assert names(figure)[len(vehicles) :] == names(before)
     for k in range(len(vehicles)):
         band = named(figure, f"band {k}")
@@ -146,7 +148,7 @@ def test_bands_are_those_of_the_gain_beneath_the_curves(
     unknown = uncertainty.draws.values.copy()
     unknown[:, 0] = np.nan
     unknown = replace(uncertainty, draws=Parameters.of(unknown))
-    assert "band 0" not in names(figures.bode(KnownVehicles(vehicles, unknown)))
+    assert "band 0" not in names(figures.bode(AssessedVehicles(vehicles, unknown)))
 
 
 @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
@@ -154,7 +156,7 @@ def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
     learned: tuple[ParameterSet, Uncertainty], plane: Plane, column: int
 ) -> None:
     vehicles, uncertainty = learned
-    figure = figures.stability_map(KnownVehicles(vehicles, uncertainty), 0, plane)
+    figure = figures.stability_map(AssessedVehicles(vehicles, uncertainty), 0, plane)
     cloud, drawn = named(figure, "cloud 1"), uncertainty.draws.values[:, 1][:, [column, 2]]
     assert len(cloud.x) <= figures.CLOUD
     for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
@@ -174,7 +176,7 @@ def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
 
 def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> None:
     measured = measured_gain(sample(PLATOON).segment, 0)
-    figure = figures.measured_bode(measured, "2 Audi", "#0c7eae", KnownVehicles(ASTAZERO))
+    figure = figures.measured_bode(measured, "2 Audi", "#0c7eae", AssessedVehicles(ASTAZERO))
     points, clear = named(figure, "2 Audi, measured"), measured.coherent
     np.testing.assert_array_equal(points.x, measured.omega[clear])
     np.testing.assert_allclose(points.y, 20 * np.log10(measured.gain[clear]))
@@ -187,7 +189,7 @@ def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> Non
 
 
 def test_the_measured_gain_of_a_points_vehicles_is_drawn_at_recorded_speeds_alone() -> None:
-    subject = known_vehicles(result_for(sample(PLATOON).segment))
+    subject = assessed_vehicles(result_for(sample(PLATOON).segment))
     shown = figures.measured_of(subject)
     assert [label for label, _, _ in shown] == [*subject.vehicles.labels]
     assert figures.measured_of(replace(subject, speed=20.0)) == []

@@ -17,6 +17,7 @@ from accpinn.model.spec import ModelSpec
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
+from accpinn.results.cast import Cast
 from accpinn.results.figures.platoon import growth_by_vehicle
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import FIXED, Marked, Range, Table
@@ -41,7 +42,6 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
-from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.segment.cut import cut
 from accpinn.stability import assessment, stability_report
 from accpinn.stability.measured_gain import measured_gain
@@ -49,6 +49,7 @@ from accpinn.study import Analysis
 from accpinn.study.comparison import compare
 from accpinn.study.result import Result
 from accpinn.study.run import run
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from accpinn.units import Quantity
 from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
@@ -237,7 +238,7 @@ def test_a_method_is_called_by_what_it_was_trained_with() -> None:
 
 def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
     report = stability_report(ASTAZERO.parameters)
-    table, short = stability_table(ASTAZERO, report), verdict_table(KnownVehicles(ASTAZERO))
+    table, short = stability_table(ASTAZERO, report), verdict_table(AssessedVehicles(ASTAZERO))
     assert column(table, "Vehicle")[3] == "Tesla Model 3"
     for title, group, tesla in (
         ("Criterion", L2, "unstable"),
@@ -266,7 +267,7 @@ def test_what_has_no_meaning_is_empty() -> None:
 
 
 def test_verdicts_have_intervals_and_probabilities_with_a_posterior_alone() -> None:
-    subject = known_vehicles(recommended())
+    subject = assessed_vehicles(recommended())
     known = subject.uncertainty
     peak, gain, stable = known.peak_gain, known.linf_gain, known.probability_l2
     table, verdicts = known_table(subject), verdict_table(subject)
@@ -281,7 +282,7 @@ def test_verdicts_have_intervals_and_probabilities_with_a_posterior_alone() -> N
     decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
     assert column(verdicts, "Peak", L2)[0][1:] == tuple(decibels)
     assert column(verdicts, "‖h‖₁", LINF)[0][1:] == (gain.lower[0], gain.upper[0])
-    point = known_vehicles(trained())
+    point = assessed_vehicles(trained())
     titles = {c.title for c in known_table(point).columns}
     assert not {"Probability", "Verdict"} & titles
     peaks = [vehicle.peak.db for vehicle in point.report.vehicles]

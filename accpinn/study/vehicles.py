@@ -1,19 +1,17 @@
-"""The vehicles of a result where their string stability is shown, and what is known of them.
+"""Vehicles whose string stability is assessed: those of a result, published, or typed in.
 
-Pages, report and command line take vehicles, verdicts, intervals and the measured gain's word on
-them from here, so that they say the same.
+Pages, report and command line take vehicles, verdicts, intervals and margins from here, so that
+they show the same.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.findings import Labelled, capital, joined
-from accpinn.inference.gain_check import LEAST, GainCheck
+from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
@@ -25,6 +23,7 @@ from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.margin import Margins, margins
 from accpinn.stability.modes import Modes, modes
+from accpinn.stability.waves import Waves, waves
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
 
@@ -32,17 +31,9 @@ ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
 
 
-class Objection(NamedTuple):
-    """Evidence against an estimate."""
-
-    brief: str
-    """In a few words, for a mark."""
-    sentence: str
-
-
 @dataclass(frozen=True, eq=False)
-class KnownVehicles:
-    """Followers whose string stability is shown, and what is known of them."""
+class AssessedVehicles:
+    """Followers with their parameters, whose string stability is assessed."""
 
     vehicles: ParameterSet
     uncertainty: Uncertainty | None = None
@@ -104,6 +95,23 @@ class KnownVehicles:
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
 
+    @cached_property
+    def waves(self) -> Waves | None:
+        """The growth of waves by size and direction; None under a CTHP, where all grow alike.
+
+        It is that of `Result.waves` where the vehicles are those of one estimate.
+        """
+        vehicles, theta = self.vehicles, self.vehicles.parameters.nonlinear
+        if not theta.size:
+            return None
+        speeds = np.full(len(vehicles), self.speed or self.median_speed)
+        if self.speed is None and self.result:
+            speeds = self.result.estimate.speeds[: len(vehicles)]
+        elif self.speed is None and self.typed_speeds:
+            speeds = np.array(self.typed_speeds)
+        model, numbers = FOLLOWING[vehicles.model], vehicles.vehicles[1:]
+        return waves(model, theta, speeds, vehicles.labels, numbers)
+
     @property
     def modes(self) -> tuple[Modes, ...]:
         """(M,) poles, damping and settling of each vehicle."""
@@ -132,7 +140,7 @@ class KnownVehicles:
         gain = np.abs(response(platoon, np.array([at]))).prod()
         return Quantity(float(gain), lower, upper) if np.isfinite(lower) else None
 
-    def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":
+    def at_speed(self, speed: MetresPerSecond) -> "AssessedVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
 
         The measured gain is that of the recorded speeds, so it checks nothing here.
@@ -156,48 +164,6 @@ class KnownVehicles:
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
 
 
-@dataclass(frozen=True)
-class Cast:
-    """Who drives in a simulated platoon: some vehicles, by their indices in driving order.
-
-    In the vehicles' own order each goes by its own name, otherwise by its place.
-    """
-
-    vehicles: ParameterSet
-    order: tuple[int, ...]
-    source: str = "platoon"
-
-    @property
-    def is_in_order(self) -> bool:
-        """Whether each vehicle drives once, in its own place."""
-        return self.order == tuple(range(len(self.vehicles)))
-
-    @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """(M+1,) for legends, leader first."""
-        own = [self.vehicles.labels[k] for k in self.order]
-        if not self.is_in_order:
-            own = [f"Follower {place}: {label}" for place, label in enumerate(own, 1)]
-        return ("Leader", *own)
-
-    @property
-    def numbers(self) -> tuple[str, ...]:
-        """(M+1,) in place of labels beside a line: numbers in a recording, or the places."""
-        if self.is_in_order and self.vehicles.numbered:
-            return ("L", *map(str, self.vehicles.vehicles[1:]))
-        return tuple(map(str, range(1 + len(self.order))))
-
-    def label(self, place: int) -> str:
-        """The name of the vehicle in a place, 0 for the leader, at the beginning of a sentence."""
-        return capital(self.spoken(place))
-
-    def spoken(self, place: int) -> str:
-        """The same within a sentence."""
-        if not place:
-            return "the leader"
-        return self.vehicles.spoken[place - 1] if self.is_in_order else f"follower {place}"
-
-
 def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:
     """The segment in a few words: file, window or windows, regimes excluded, a platoon's Case."""
     seconds = sum(part.window.duration for part in windows)
@@ -216,7 +182,7 @@ def by_hand(info: SegmentInfo) -> tuple[float, ...]:
     return tuple(share.get(number, 0.0) for number in info.vehicles[1:])
 
 
-def known_vehicles(result: Result) -> KnownVehicles:
+def assessed_vehicles(result: Result) -> AssessedVehicles:
     """The followers of an estimate, with the intervals and gain checks that a posterior gives."""
     info, estimate = result.info, result.estimate
     vehicles = ParameterSet(
@@ -228,7 +194,7 @@ def known_vehicles(result: Result) -> KnownVehicles:
         by_hand(info),
         estimate.model,
     )
-    return KnownVehicles(vehicles, result.uncertainty, result.gain_checks, result)
+    return AssessedVehicles(vehicles, result.uncertainty, result.gain_checks, result)
 
 
 def typed_vehicles(
@@ -264,37 +230,3 @@ def typed_vehicles(
             )
         following.linearised(row, speed)
     return ParameterSet(title, names, following.linearisations(values.T, speeds), model=model)
-
-
-def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[Objection]:
-    """What the measured gain has against the model for all vehicles, or those of some numbers."""
-    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    against, over = list[str](), list[str]()
-    for check in subject.checks:
-        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
-        if numbers and check.vehicle not in numbers:
-            continue
-        if check.contradiction:
-            against.append(f"{name} ({check.short})")
-        elif check.is_underrated:
-            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
-    if against:
-        said = f"The measured gain contradicts the model for {joined(against)}."
-        yield Objection("measured gain disagrees", said)
-    if over:
-        said = f"The measured gain peaks above the model's: {joined(over)}."
-        yield Objection("measured gain higher", said)
-
-
-def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
-    """What the measured gain says of each vehicle; of those without a comparison at once."""
-    none = [check for check in checks if check.frequencies < LEAST]
-    alone = [check for check in checks if check not in none or len(none) == 1]
-    said = [check.sentence(about) for check in alone]
-    if len(none) > 1:
-        named = joined([about.label(check.vehicle) for check in none])
-        said.append(
-            f"{named}: the verdicts could not be held against a measured gain, as too few"
-            " frequencies are coherent; a longer window has more."
-        )
-    return tuple(said)
