@@ -73,7 +73,7 @@ FIGURES: Mapping[Question, Column] = {
     "driver": Column("Driven by ACC", "%", 0),
     "consistent": Column("Gap correlation", "", 2),
 }
-"""What the answer to each question counts; of several followers that of the worst."""
+"""The quantity behind each rating; of several followers that of the worst."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,13 @@ class RatedWindow:
         """The worst that is known of it."""
         if not self.ratings:
             return Grade.POOR
-        known = [Grade.GOOD, Grade.FAIR, Grade.POOR]
-        grades = [rating.grade for rating in self.ratings if rating.grade in known]
-        return max(grades, key=known.index, default=Grade.UNKNOWN)
+        known_grades = [Grade.GOOD, Grade.FAIR, Grade.POOR]
+        grades = [rating.grade for rating in self.ratings if rating.grade in known_grades]
+        return max(grades, key=known_grades.index, default=Grade.UNKNOWN)
 
 
 def figure_of(rating: Rating) -> str:
-    """What an answer counts, with its unit, as "98.3 %"."""
+    """The quantity of a rating with its unit, as "98.3 %"."""
     column, value = FIGURES[rating.question], rating.figure
     if isnan(value):
         return ABSENT

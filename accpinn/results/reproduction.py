@@ -1,4 +1,4 @@
-"""What was stated beside what is found now: the paper's tables and figures, and a snapshot.
+"""The paper's tables and figures, printed beside recomputed and learned.
 
 Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
 Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
@@ -139,7 +139,7 @@ class Panel:
     """Index of the AstaZero follower."""
     frequency: RadiansPerSecond
     printed: str
-    """What its caption says."""
+    """The printed verdict of its caption."""
 
     def gain(self, parameters: Parameters) -> float:
         """Amplitude of the last follower's speed over the leader's, once the transient is over.
@@ -179,7 +179,7 @@ class PrintedItem:
     title: str
     subject: str
     run: PrintedRun | None = None
-    """What it takes; None where it needs no recording, or its run is not known."""
+    """Its recording, window and vehicles; None where it needs none, or they are not known."""
     sample: str = ""
     """Stem of the synthetic sample that can stand in for the recording; empty for none."""
     verdicts: tuple[PrintedVerdicts, ...] = ()
@@ -210,21 +210,21 @@ class PrintedItem:
                 f"{recording.source}: this is not the run {self.run.campaign}/{self.run.file} of"
                 f" the OpenACC database, which {self.title} takes; download it on page Data."
             )
-        asked = self.run.analysis(recording)
-        return tuple(starts(asked)) if self.starts else (asked,)
+        analysis = self.run.analysis(recording)
+        return tuple(starts(analysis)) if self.starts else (analysis,)
 
     def learned(self, results: Sequence[Result]) -> Parameters | None:
-        """What results learned for the rows printed first; None where none is of its data.
+        """The estimate for the rows printed first; None where no result is of its data.
 
         It is (M,), or one set for all rows, as long as not each row has a result of its own.
         """
-        own = [result.parameters for result in results if item_of(result) is self]
-        if not own:
+        estimates = [result.parameters for result in results if item_of(result) is self]
+        if not estimates:
             return None
         count = len(self.verdicts[0].vehicles)
-        if self.starts and len(own) == count:
-            return Parameters.of(np.concatenate([parameters.everything for parameters in own]))
-        return rows_of(own[-1], count)
+        if self.starts and len(estimates) == count:
+            return Parameters.of(np.concatenate([estimate.everything for estimate in estimates]))
+        return rows_of(estimates[-1], count)
 
     def compared(self, learned: Parameters | None) -> Comparison:
         """Its first rows beside what is learned for them: the ranges of α, β and τ."""
@@ -291,22 +291,22 @@ BODE, EIGHT = ITEMS[-2:]
 
 def item_of(result: Result) -> PrintedItem | None:
     """The table of the paper whose data, model and method a result has."""
-    asked = result.analysis
-    took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
-    if asked.spec.model != PAPER or asked.settings.get("preset") not in PAPER_PRESETS:
+    analysis = result.analysis
+    took = (result.facts.get("campaign"), result.info.source, analysis.windows, analysis.vehicles)
+    if analysis.spec.model != PAPER or analysis.settings.get("preset") not in PAPER_PRESETS:
         return None
     for item in ITEMS:
         run = item.run
         if not (item.verdicts and run):
             continue
-        is_case = asked.case == run.case or len(run.vehicles) == 2
+        is_case = analysis.case == run.case or len(run.vehicles) == 2
         if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):
             return item
     return None
 
 
 def rows_of(learned: Parameters, count: int) -> Parameters:
-    """What was learned for so many rows of a table; one set for all where it has more rows."""
+    """The estimate for so many rows of a table; one set for all where it has more rows."""
     return learned[: count if len(learned) >= count else 1]
 
 
@@ -314,14 +314,14 @@ def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
     """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
     printed = [part for item in learned for part in item.verdicts]
     agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
-    said = f"{agreeing} of {count} printed verdicts agree"
-    pairs = [(item.verdicts[0], found) for item, found in learned.items() if found is not None]
+    recomputed = f"The printed parameters give {agreeing} of the {count} printed verdicts."
+    pairs = [(item.verdicts[0], row) for item, row in learned.items() if row is not None]
     if not pairs:
-        return f"{said}. Nothing is learned yet."
+        return f"None of {len(learned)} tables learned from its recording yet. {recomputed}"
     off = max(float(np.abs(deviations(*pair)).max()) for pair in pairs)
     what = "all tables" if len(pairs) == len(learned) else f"{len(pairs)} of {len(learned)} tables"
     tick = f"{TICK} " if off <= TOLERANCE and len(pairs) == len(learned) else ""
-    return f"{tick}Learned: {what} within {100 * off:.0f} %. {said}."
+    return f"{tick}Learned: {what} within {100 * off:.0f} %. {recomputed}"
 
 
 def compared_peaks(learned: Parameters | None) -> Comparison:

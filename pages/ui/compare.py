@@ -40,7 +40,7 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 ONLINE = "α, β, τ by the online methods"
-"""What is drawn over time in place of one method's curves."""
+"""Choice of the online methods' tracks in place of one method's curves."""
 VIEWS = {"methods": "Methods of estimation", "models": "Car-following models"}
 MOST = 8
 """Earlier estimates over the chart at once."""
@@ -48,7 +48,7 @@ MOST = 8
 
 @dataclass(eq=False)
 class _Shown:
-    """What the parts of the page are about."""
+    """Data, results and follower that the parts of the page show."""
 
     workspace: Workspace
     data: Segments
@@ -59,7 +59,7 @@ class _Shown:
     """0 for the first."""
 
     def __post_init__(self) -> None:
-        """What follows for the follower: number, colour and truth; file names begin with `stem`."""
+        """Derive the follower's number, colour and truth, and the `stem` of file names."""
         truth, vehicles = self.workspace.true_parameters, self.data[0].vehicles
         self.segment = self.data[0]
         self.stem = Path(self.segment.source).stem
@@ -124,7 +124,7 @@ def _show_start(workspace: Workspace, data: Segments) -> None:
 
 
 def _show_before(workspace: Workspace) -> None:
-    """What a comparison will show, before there is one."""
+    """The text of the page before a comparison."""
     training = workspace.training
     if training and training.is_active:
         first = own_task_line(training, training.time_left)
@@ -236,7 +236,7 @@ def _show_failures(failures: Sequence[Refused]) -> None:
 
 
 def _about_errors(shown: _Shown) -> str:
-    """What the errors of the methods mean, and how much the gap itself varies."""
+    """The scale of the methods' errors: how much the gap itself varies."""
     is_partial = not all(row.evaluation.blocks for row in shown.rows)
     gap = np.concatenate([part.measured_gaps[:, shown.follower] for part in shown.data])
     return (
@@ -350,7 +350,7 @@ def _show_adequacy(shown: _Shown) -> None:
 
 
 def _show_residual(shown: _Shown, row: Result) -> None:
-    """What the model leaves unexplained: its memory, and what it has to do with the car ahead."""
+    """The residual's correlation with its past and with the car ahead."""
     correlograms = residual_correlations(shown.segment, row.estimate, shown.follower)
     if correlograms is None:
         return
@@ -365,7 +365,7 @@ def _show_residual(shown: _Shown, row: Result) -> None:
 
 
 def _show_disturbance(shown: _Shown, row: Result) -> None:
-    """What moves the vehicle beside the model's equation, below the data."""
+    """The estimated disturbance of the model's equation below the data."""
     values = of_window(row.estimate.arrays, 0).get("disturbance")
     if values is None:
         return

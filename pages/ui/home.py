@@ -64,7 +64,7 @@ def show_page(workspace: Workspace) -> None:
 
 
 def _show_open(workspace: Workspace) -> None:
-    """What this session has open, and the way back to it."""
+    """The open recording or result of this session, and the way back to it."""
     has_result = bool(workspace.training or workspace.restored)
     with st.container(horizontal=True, vertical_alignment="center", key="home_open"):
         brief = (line for line in frame.session_state(workspace) if not line.startswith(IN_SIDEBAR))

@@ -43,8 +43,8 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
         recording_needed(workspace, "To compare models, the page needs")
         return
     subjects = workspace.subjects
-    every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
-    windows = " or ".join(frame.in_words(parts[0], parts) for parts in every)
+    choices = dict.fromkeys(tuple(part.window for part in subject.windows) for subject in subjects)
+    windows = " or ".join(frame.in_words(parts[0], parts) for parts in choices)
     about.caption(
         escape_markdown(f"{workspace.recording.source} · {windows}, each window left out once"),
         help=LEAD,
@@ -64,7 +64,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
                 **kept(workspace, "models_chosen", list(JUDGED), default="default"),
             )  # fmt: skip
             share = _parameters(chosen) / _parameters(JUDGED)
-            seconds = seconds_of(sum(len(one.windows) for one in subjects))
+            seconds = seconds_of(sum(len(subject.windows) for subject in subjects))
             takes = show.format_duration(share * seconds)
             start = st.button(
                 f"Compare {len(chosen)} models (about {takes})", key="models_run",
@@ -86,7 +86,7 @@ def _parameters(models: Sequence[str]) -> int:
 
 
 def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
-    """What is found of each follower; what takes a choice once all models are judged."""
+    """The comparison of each follower; a choice of models once all are judged."""
     if not judged:
         return
     if polled:
@@ -105,7 +105,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     if workspace.recording:
         _choose_models(workspace, judged)
     with st.container(horizontal=True, vertical_alignment="bottom"):
-        labels = [one.info.labels[1] for one in judged]
+        labels = [judgement.info.labels[1] for judgement in judged]
         car = judged[pick(workspace, labels, "models_follower")]
         low, middle, high = car.speeds
         speed = show.choose_speed(
@@ -120,10 +120,10 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     """The model of each car, and what comes of it: cars of several results as one platoon."""
     chosen: dict[int, str] = {}
     with st.container(horizontal=True, vertical_alignment="bottom", key="models_cars_chosen"):
-        for one in judged:
-            number, ranked = one.info.vehicles[1], one.ranked
+        for judgement in judged:
+            number, ranked = judgement.info.vehicles[1], judgement.ranked
             chosen[number] = select(
-                one.info.labels[1],
+                judgement.info.labels[1],
                 {score.key: f"{_short(score.key)}, {score.typical_rmse:.2f} m" for score in ranked},
                 ranked[0].key, f"models_of_{number}", workspace, width=250,
                 help="The model with the least error first. Two errors may differ by chance: see"

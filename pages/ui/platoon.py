@@ -181,7 +181,7 @@ def _show_details(
 
 @dataclass(frozen=True)
 class View:
-    """What the charts show of a run."""
+    """The part and the lines of a run in the charts."""
 
     seen_from: figures.View
     is_whole: bool
@@ -193,7 +193,7 @@ class View:
 
 
 def _choose_view(workspace: Workspace, run: PlatoonRun, recorded: Segment | None) -> View:
-    """What the charts show, behind a button of the row."""
+    """The choice of part and lines, behind a button of the row."""
     measured, linear, is_whole = recorded, run.linear, False
     with st.popover("View", icon=":material/visibility:"):
         if recorded:
@@ -303,8 +303,8 @@ def parse_order(text: str, count: int) -> list[int]:
 
 def _windows(workspace: Workspace, source: AssessedVehicles) -> list[Segment]:
     """Those of the estimate, else the open one, in which all of the leader's speed is known."""
-    own = source.result.segments if source.result else ()
-    windows = own or filter(None, (workspace.segment,))
+    segments_of_result = source.result.segments if source.result else ()
+    windows = segments_of_result or filter(None, (workspace.segment,))
     return [
         segment
         for segment in windows

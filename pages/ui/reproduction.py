@@ -110,19 +110,19 @@ def _show_task(workspace: Workspace, verdict: str) -> None:
 
 
 def _trainings(workspace: Workspace) -> tuple[list[Part], dict[tuple[str, str], list[str]]]:
-    """What the recordings at hand allow; campaign and file of those missing, and whose they are."""
+    """Trainings that the recordings at hand allow, and the tables of each missing recording."""
     parts, missing = list[Part](), dict[tuple[str, str], list[str]]()
     for item, run in TABLES.items():
         place = place_of_run(workspace, *run.place)
         if place is None:
             missing.setdefault(run.place, []).append(item.title)
             continue
-        asked = cache(partial(_asked, item, place))
+        analyses = cache(partial(_asked, item, place))
         for k in range(item.trainings):
             parts.append(
                 Part(
                     f"{item.title}, start {k + 1}" if item.starts else item.title,
-                    partial(_nth, asked, k),
+                    partial(_nth, analyses, k),
                     SECONDS * (len(run.vehicles) - 1),
                     is_listed=not k,
                 )
@@ -141,10 +141,10 @@ def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analy
 
 
 def _nth(
-    asked: Callable[[], list[tuple[Analysis, Recording]]], k: int
+    analyses: Callable[[], list[tuple[Analysis, Recording]]], k: int
 ) -> tuple[Analysis, Recording]:
     """One question of several, which are not asked before its turn comes."""
-    return asked()[k]
+    return analyses()[k]
 
 
 def _show_missing(campaign: str, file: str, titles: list[str]) -> None:
@@ -232,7 +232,7 @@ def _unbroken(text: str) -> str:
 
 
 def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:
-    """What this session learned last for the first rows of a table; None before."""
+    """The latest estimate of this session for the first rows of a table; None before one."""
     task = workspace.reproduction
     learned = item.learned(task.results) if task else None
     runs = runs_of(workspace, item.run) if item.run and learned is None else []
@@ -312,7 +312,7 @@ def table_buttons(workspace: Workspace, place: str) -> None:
 
 
 def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
-    """What leads to an item: a sample's training, its recording, its parameters, or the panels."""
+    """The buttons of an item: train a sample, open its recording, its parameters, or the panels."""
     path, run, key = SAMPLES / f"{item.sample}.csv", item.run, _key(item)
     if item.starts:
         button(

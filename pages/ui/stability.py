@@ -97,7 +97,7 @@ def _at_chosen_speed(workspace: Workspace, source: AssessedVehicles) -> Assessed
 
 
 def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
-    """What stands behind the sentence above the pictures, and what it assumes."""
+    """The verdicts behind the headline, and their assumptions."""
     chosen, report, result = source.vehicles, source.report, source.result
     st.markdown(f"##### {escape_markdown(source.origin)}")
     if background := words.behind_verdict(source):
@@ -125,7 +125,7 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
 
 
 def _show_bode_notes(source: AssessedVehicles) -> None:
-    """What the marks of the laboratory's charts are."""
+    """The meaning of the marks of the laboratory's charts."""
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)

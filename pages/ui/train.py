@@ -223,7 +223,7 @@ def _live_figures(
 
 
 def _show_validation(workspace: Workspace) -> None:
-    """What the learned parameters do in another window, once the user chose one."""
+    """The errors of the learned parameters in another window, once the user has chosen one."""
     if workspace.validation is None:
         st.caption(
             "Choose a window that was not trained on, or another recording of the same vehicles, on"

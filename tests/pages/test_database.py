@@ -19,8 +19,8 @@ from accpinn.study.batch import BatchProgress
 from accpinn.study.studies import DROPPED, FILE, Computed, Request, written
 from accpinn.study.supplied import read_about, supplied_study
 from accpinn.tasks import Status, batches
-from pages.ui.database import own
 from pages.ui.database import page as database_page
+from pages.ui.database import study_folders
 from pages.ui.session import users
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import WAIT, Page, open_page, until
@@ -101,7 +101,7 @@ def test_a_first_visitor_sees_the_supplied_study_and_who_made_its_data(recording
 def test_without_the_supplied_study_the_form_stands_on_the_page(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (own, database_page):
+    for module in (study_folders, database_page):
         monkeypatch.setattr(module, "supplied_study", lambda: None)
     page = opened()
     assert "no study here yet" in page.plain()
@@ -146,13 +146,13 @@ def test_dropped_files_are_unpacked_refused_one_by_one_and_removed_after_the_bat
     left = study / DROPPED / "0" / "left.csv"  # as of a batch that was stopped
     left.parent.mkdir(parents=True)
     left.write_bytes(raw)
-    monkeypatch.setattr(own, "sees_all", lambda: True)  # as on the page
-    own.make_room(session.id, "dropped", 1)
+    monkeypatch.setattr(study_folders, "sees_all", lambda: True)  # as on the page
+    study_folders.make_room(session.id, "dropped", 1)
     assert left.exists()
-    monkeypatch.setattr(own, "MOST_DROPPED", len(raw))
+    monkeypatch.setattr(study_folders, "MOST_DROPPED", len(raw))
     with pytest.raises(RecordingError, match="dropped files"):
-        own.make_room(session.id, "dropped", 1)
-    own.make_room(session.id, "another", len(raw))
+        study_folders.make_room(session.id, "dropped", 1)
+    study_folders.make_room(session.id, "another", len(raw))
     assert not (study / DROPPED).exists()
     assert (study / FILE).exists()
 

@@ -96,14 +96,14 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
     the paper's model does not have, the stem ends where that curve passes without them.
     """
     chart, paints = style.Chart("conditions", 0), colours(vehicles)
-    known = " without lag and delay" * is_lagged(vehicles.parameters)
+    without = " without lag and delay" * is_lagged(vehicles.parameters)
     for k, (alpha, alpha_tau, beta) in enumerate(vehicles.parameters.theta.tolist()):
         if not alpha:
             continue
-        asked = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
+        denominators = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
         with np.errstate(divide="ignore"):  # an undamped vehicle in resonance
-            limit, level = decibels(np.sqrt((alpha + beta**2) / asked)).tolist()
-        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{known}"
+            limit, level = decibels(np.sqrt((alpha + beta**2) / denominators)).tolist()
+        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{without}"
         chart.line(
             [alpha**0.5] * 2, [limit, level], CONDITION, paints[k], 1.2, "dot", opacity=0.8,
             mode="lines+markers", showlegend=False,
@@ -120,7 +120,7 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
 def frequency_data(
     subject: AssessedVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
 ) -> dict[str, Any]:
-    """What the browser draws at any of the offered frequencies, as JSON has it.
+    """The data that the browser draws at any of the offered frequencies, as JSON.
 
     Returns:
         "omega" (K,); of each of the platoon's different vehicles its gain H(jω) as real and

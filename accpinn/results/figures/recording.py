@@ -67,7 +67,7 @@ GRADE_COLOURS = {
 """Colour of each grade's mark on a chart; the marks differ in shape."""
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
-"""What each view of a recording draws, a panel each."""
+"""The panels of each view of a recording."""
 DOTTED = {"color": style.LEADER, "width": 1, "dash": "dot"}
 PANELS = 270
 """Pixels of all panels together, without strips."""
@@ -163,7 +163,7 @@ def overview(
 WINDOWS_STYLE = STYLE + (
     f"<style>\n{(Path(__file__).parent / 'windows.css').read_text(encoding='utf-8')}</style>"
 )
-"""What `windows_html` needs once on a page."""
+"""The style of `windows_html`, once on a page."""
 
 
 def windows_html(rows: Sequence[RatedWindow], about: Labelled) -> str:

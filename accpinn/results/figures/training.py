@@ -64,7 +64,7 @@ def course(
     moment: int | None = None,
     height: int = COURSE,
 ) -> go.Figure:
-    """What is optimised and each parameter over the iterations, one panel below the other.
+    """The objective and each parameter over the iterations, one panel below the other.
 
     A loss has a logarithmic axis. The log likelihood is drawn as its difference from the last
     value, as it has too many digits for an axis.
@@ -245,7 +245,7 @@ class Curves:
     level: float = 0.0
     """Level of the band."""
     about: str = ""
-    """What is drawn beside the data."""
+    """Curves drawn beside the data."""
 
 
 def driven(
@@ -332,8 +332,8 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
     measured = np.interp(band.time, segment.time, segment.measured.gaps[:, follower])
     ends = band.lower[:, follower], band.upper[:, follower]
     parts = np.array([segment.start + band.time, *ends, measured])
-    known = np.flatnonzero(np.isfinite(parts[1]))
-    pieces = np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
+    finite = np.flatnonzero(np.isfinite(parts[1]))
+    pieces = np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else []
     step = 1 + len(measured) // BAND_POINTS
     drawn = tuple(parts[:, piece[::step]] for piece in pieces)
     return replace(curves, band=drawn, level=band.level)
@@ -414,7 +414,7 @@ def forest(description: Description, follower: int) -> go.Figure:
     colour = style.vehicle_colours(description.info.vehicles)[follower + 1]
     chart = style.Chart(f"forest-{follower}", 300)
     span, alone = row.known[0].span, [gap.span for gap, _ in row.windows]
-    gaps, low, high = np.array([(one.value, one.lower, one.upper) for one in alone]).T
+    gaps, low, high = np.array([(gap.value, gap.lower, gap.upper) for gap in alone]).T
     low, high = np.fmin(low, gaps), np.fmax(high, gaps)  # a point has no ends
     ends = np.array([[info.window.start, info.window.end] for info in description.infos])
     margin = 0.03 * max(float(np.ptp(ends)), 1.0)

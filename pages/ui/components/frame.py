@@ -1,4 +1,4 @@
-"""What every page begins with: who may use it, its title, links to pages, the session's state."""
+"""The frame of every page: admission, title, links to pages, and the session's state."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -306,7 +306,7 @@ def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
 
 
 def session_state(workspace: Workspace) -> list[str]:
-    """What is open, a line a step."""
+    """Open recording, window and training, a line each."""
     restored, recording = workspace.restored, workspace.recording
     source = recording.source if recording else restored.info.source if restored else ""
     if not source:

@@ -13,7 +13,7 @@ from pages.ui.session.resources import queue_of
 from pages.ui.session.users import sees_all
 
 UNITS = {INTERVALS: "window", VARIATION: "follower"}
-"""What is counted in a phase; iterations in those that are not here, and nothing in others."""
+"""Units counted in phases that do not count iterations."""
 SOON = 0.3
 """Seconds until the first look at a task that is about to start."""
 POLL = 1.0
@@ -81,7 +81,7 @@ def show_status(task: Task[Any], describe: Callable[[Any], str] | None = None) -
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
-    """What runs, how far its phase is, and how long it takes until all is done."""
+    """Name and progress of the present phase, and the time left."""
     now, left = task.progress, task.time_left
     duration = show.format_duration(left) if left else ""
     if len(task.names) > 1:

@@ -108,7 +108,7 @@ class Fields:
         )
 
     def named(self, column: str) -> ColumnName:
-        """What a column's name says."""
+        """Quantity, unit and vehicle that a column's name states."""
         layout = self.pending.file.layout
         units = layout.units if layout else ()
         at = self.names.index(column) if column in self.names else -1

@@ -1,4 +1,4 @@
-"""What the columns of a table of one's own hold: a form that shows how they were understood.
+"""The form for the columns of a table of one's own: how they are read, and changes to it.
 
 Open are only those fields that nothing decides; all others are behind "Change columns". What is
 chosen is kept in the session's `Pending`, so that plot and findings are always those of the form.
@@ -132,7 +132,7 @@ def show_cures(
     recording: Recording, mapping: CsvMapping, act: Callable[[CsvMapping], None], place: str,
     look: Literal["primary", "secondary"] = "secondary",
 ) -> None:  # fmt: skip
-    """What is wrong with the data, each with the changes of the mapping that would cure it.
+    """Faults of the data, each with the changes of the mapping that cure it.
 
     Args:
         recording: as it was read.
@@ -234,7 +234,7 @@ def _reason(choice: Choice, roles: Sequence[tuple[str, str]], is_kept: bool) -> 
 
 
 def _remarks(mapping: CsvMapping) -> dict[str, list[str]]:
-    """What else is done to columns: sign, clock, and what is subtracted."""
+    """Further operations on columns: sign, clock, and lengths subtracted."""
     remarks: dict[str, list[str]] = {}
     parts: tuple[SpeedColumn | GapColumn, ...] = (*mapping.speeds, *mapping.gaps)
     for part in parts:

@@ -384,7 +384,7 @@ def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
 
 
 def _show_windows(workspace: Workspace, recording: Recording, rows: Sequence[RatedWindow]) -> None:
-    """What each window is worth, in one table, and which of them are used."""
+    """The quality of each window in one table, and which windows are used."""
     names = {row.window.start: str(row.number) for row in rows}
 
     def change(starts: Sequence[float]) -> None:
@@ -414,7 +414,7 @@ def _show_windows(workspace: Workspace, recording: Recording, rows: Sequence[Rat
 
 
 def _assessment(workspace: Workspace, recording: Recording) -> None:
-    """What the chosen window is worth, a check each."""
+    """The checks of the chosen window."""
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")
@@ -439,7 +439,7 @@ def _assessment(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> None:
-    """What is against the gaps, and what would cure it: whatever is learned of them is wrong."""
+    """Contradictions of gaps and speeds, and their cures: estimates from such gaps are wrong."""
     file = workspace.table_of_recording
     if file and recording.mapping:
         show_cures(

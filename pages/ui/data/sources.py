@@ -36,7 +36,7 @@ MIRROR_VARIABLE = "ACCPINN_MIRROR"
 
 
 def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], None] | None:
-    """What opens a campaign's recording: opened before, or in the server's folder."""
+    """A function that opens a campaign's recording, opened before or in the server's folder."""
     place = place_of_run(workspace, campaign, file)
     if place is None:
         return None
@@ -79,7 +79,7 @@ def open_file(workspace: Workspace, source: bytes | Path, name: str | None = Non
 
 
 def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
-    """What a pending table asks; once it is opened, the app turns to the page ``then``."""
+    """The questions on a pending table; once it is opened, the app turns to the page ``then``."""
 
     def opened(trajectory: str | None) -> None:
         now = workspace.pending or pending

@@ -65,7 +65,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
 
 
 def show_changes(workspace: Workspace) -> None:
-    """What was done to the data of the window, or windows, before anything is estimated."""
+    """Changes to the windows' data before the estimation."""
     parts = workspace.segments
     if not parts:
         st.caption("The window cannot be used yet.")

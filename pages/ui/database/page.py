@@ -28,7 +28,7 @@ from accpinn.study.studies import Failure
 from accpinn.study.supplied import read_about, supplied_study
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, select, tabs
-from pages.ui.database import own, running
+from pages.ui.database import running, study_folders
 from pages.ui.session.resources import find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
@@ -58,7 +58,7 @@ GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "campaign": ("Campaign", ("campaign",)),
     "mode": ("Mode", ("mode",)),
 }
-"""What groups have in common: title and columns, by a short name."""
+"""Title and columns of each grouping, by a short name."""
 ADDRESSED = ("study", "method", "by", *FILTERS)
 """Query parameters. What is chosen has the same names, which begin with "database_" there."""
 NOT_TOLD = "not stated"
@@ -66,7 +66,7 @@ NOT_TOLD = "not stated"
 WRITTEN = "database_link"
 """The entry in Streamlit's session state with the parameters that this browser was last given."""
 State = tuple[int, ...]
-"""What `state_of` says of a study; empty where the batch has not begun to write."""
+"""The state of a study by `state_of`; empty before its batch writes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +85,16 @@ class ShownRows:
 
 def show_page(workspace: Workspace) -> None:
     _follow_link(workspace)
-    names = own.own_studies(workspace.id)
+    names = study_folders.listed_studies(workspace.id)
     is_first = not names
-    asked = workspace.choices.get("database_study", "")
-    if "@" in asked:
+    wanted = workspace.choices.get("database_study", "")
+    if "@" in wanted:
         with suppress(ConfigError):
-            own.path_of(workspace.id, asked)
-            names = (asked, *names)
+            study_folders.path_of(workspace.id, wanted)
+            names = (wanted, *names)
     if supplied_study():
-        names = (*names, own.SUPPLIED)
-    refused = asked not in names and running.show_refusal(workspace, asked)
+        names = (*names, study_folders.SUPPLIED)
+    refused = wanted not in names and running.show_refusal(workspace, wanted)
     if not names:
         show.messages(
             "There is no study here yet. A study holds the estimates from every window in"
@@ -103,10 +103,12 @@ def show_page(workspace: Workspace) -> None:
         with st.container(border=True):
             running.show_form(workspace)
         return
-    study = asked if asked in names else names[0]
-    if study != asked and not refused:  # why a batch was refused stands until another is chosen
-        if asked:
-            show.messages(f"There is no study {own.title_of(asked)[:60]} here.", "warning")
+    study = wanted if wanted in names else names[0]
+    if study != wanted and not refused:  # why a batch was refused stands until another is chosen
+        if wanted:
+            show.messages(
+                f"There is no study {study_folders.title_of(wanted)[:60]} here.", "warning"
+            )
         choose(workspace, study=study)
     with st.container(horizontal=True, vertical_alignment="bottom", key="database_head"):
         _choose_study(workspace, names, study)
@@ -124,7 +126,7 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
     """A study's batch and rows; what is chosen of them stands in ``place``."""
-    folder = own.path_of(workspace.id, study)
+    folder = study_folders.path_of(workspace.id, study)
     state = on_disk.state_of(folder)
     running.show_batch(workspace, study, on_disk.read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
@@ -163,22 +165,25 @@ def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
             running.show_form(workspace)
     with st.popover("Link", icon=":material/share:"):
         st.caption("It opens this study with these filters, without your session.")
-        shared = own.link_to(workspace.id, study)
+        shared = study_folders.link_to(workspace.id, study)
         parameters = _parameters(workspace) | {"study": (shared,)}
         show.address(f"Database?{urlencode(parameters, doseq=True)}")
 
 
 def _label(name: str) -> str:
-    """What the list of studies says of one."""
+    """A study in the list of studies."""
     owner = name.rpartition("/")[0][1:7]
     whose = " (by a link)" if "@" in name else ""
-    return own.title_of(name) + (f" (of {owner})" if owner else whose)
+    return study_folders.title_of(name) + (f" (of {owner})" if owner else whose)
 
 
 def _show_study(
     workspace: Workspace, study: str, state: State, rows: pd.DataFrame, place: DeltaGenerator
 ) -> None:
-    folder, is_supplied = own.path_of(workspace.id, study), study == own.SUPPLIED
+    folder, is_supplied = (
+        study_folders.path_of(workspace.id, study),
+        study == study_folders.SUPPLIED,
+    )
     study = folder.name
     with place:
         filters, method, by = _show_filters(workspace, rows)
@@ -252,7 +257,7 @@ def _show_filters(
 
 
 def _show_key(selected: ShownRows) -> None:
-    """What the marks of the picture mean, briefly, and all of it on hovering."""
+    """The meaning of the picture's marks, in short, and in full on hovering."""
     speed = SPEEDS[-1]
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
@@ -298,11 +303,11 @@ def shown(
 
 def _follow_link(workspace: Workspace) -> None:
     """Take over what the address asks for, unless this browser was given that address here."""
-    asked = _asked()
-    if asked and asked != st.session_state.get(WRITTEN):
-        single = {name: (asked.get(name) or ("",))[0] for name in ("study", "method", "by")}
-        choose(workspace, **{name: asked.get(name, ()) for name in FILTERS}, **single)
-        st.session_state[WRITTEN] = asked
+    parameters = _asked()
+    if parameters and parameters != st.session_state.get(WRITTEN):
+        single = {name: (parameters.get(name) or ("",))[0] for name in ("study", "method", "by")}
+        choose(workspace, **{name: parameters.get(name, ()) for name in FILTERS}, **single)
+        st.session_state[WRITTEN] = parameters
 
 
 def _write_link(workspace: Workspace) -> None:
@@ -361,7 +366,7 @@ def _show_spread(selected: ShownRows, name: str) -> None:
 
 
 def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
-    """Whose rows are shown, window by window; returns what they are."""
+    """Choose whose rows are shown, window by window."""
     titles = {method: title_of_variant(method) for method in dict.fromkeys(rows["method"])}
     method = workspace.choices["database_method"]
     if len(titles) > 1:
@@ -453,12 +458,12 @@ def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) 
     with st.container(border=True, horizontal=True, vertical_alignment="center"):
         end = row["start"] + row["duration"]
         who = " ".join(part for part in (row["make"], row["model"]) if part != NOT_TOLD)
-        said = (
+        numbers = (
             f"{row['campaign']}, {row['file']}, {row['start']:.0f}–{end:.0f} s, vehicle"
             f" {row['vehicle']}: α {row['alpha']:.3f} 1/s², β {row['beta']:.3f} 1/s, τ"
             f" {row['tau']:.2f} s"
         )
-        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(said)}", width="stretch")
+        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(numbers)}", width="stretch")
         if st.button(
             "Open this window", icon=":material/timeline:", type="primary", key="database_open",
             help="Page Data, with this recording, window and vehicles, ready to train.",

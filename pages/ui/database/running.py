@@ -25,7 +25,7 @@ from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
-from pages.ui.database import own
+from pages.ui.database import study_folders
 from pages.ui.session.resources import (
     batch_queue,
     folders,
@@ -47,10 +47,12 @@ UPLOAD = "database_upload"
 
 
 def _task(workspace: Workspace, study: str) -> Task[BatchProgress] | None:
-    if study == own.SUPPLIED:
+    if study == study_folders.SUPPLIED:
         return None
     with suppress(ConfigError):  # no name of a study
-        return batch_queue().of(own.task_owner(own.path_of(workspace.id, study)), "batch")
+        return batch_queue().of(
+            study_folders.task_owner(study_folders.path_of(workspace.id, study)), "batch"
+        )
     return None
 
 
@@ -62,9 +64,9 @@ def is_active(workspace: Workspace, study: str) -> bool:
 
 def _start(workspace: Workspace, study: str, request: Request) -> None:
     task = _task(workspace, study)
-    if own.is_changed_by(study) and (task is None or not task.is_active):
-        path = own.path_of(workspace.id, study)
-        task = batch_task(own.task_owner(path), path, request)
+    if study_folders.is_changed_by(study) and (task is None or not task.is_active):
+        path = study_folders.path_of(workspace.id, study)
+        task = batch_task(study_folders.task_owner(path), path, request)
         batch_queue().submit(task, workspace.owner or workspace.key)
 
 
@@ -73,7 +75,7 @@ def _start(workspace: Workspace, study: str, request: Request) -> None:
 
 def show_batch(workspace: Workspace, study: str, request: Request | None) -> None:
     """The study's batch: how far it is, or how it ended, and what can be done about it."""
-    task, is_own = _task(workspace, study), own.is_changed_by(study)
+    task, is_own = _task(workspace, study), study_folders.is_changed_by(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")
         with bar:
@@ -84,16 +86,18 @@ def show_batch(workspace: Workspace, study: str, request: Request | None) -> Non
         return
     show_refusal(workspace, study)
     if task is not None and task.status is not Status.FAILED and task.latest:
-        said = summary_line(task.latest)
+        outcome = summary_line(task.latest)
     elif request is not None and not request.is_finished:
-        said = "The batch of this study did not come to its end; what it found is kept."
+        outcome = "The batch of this study did not come to its end; what it found is kept."
     else:
         return
     finished = request is not None and request.is_finished
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
-    line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    at_hand = request is not None and _is_at_hand(request, own.path_of(workspace.id, study))
+    line.markdown(f":material/{icon}: {escape_markdown(outcome)}")
+    at_hand = request is not None and _is_at_hand(
+        request, study_folders.path_of(workspace.id, study)
+    )
     if request is not None and not finished and is_own and at_hand:
         button.button(
             "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
@@ -149,7 +153,7 @@ def _estimated(path: Path, window: float) -> BatchEstimate:
 
 
 def show_form(workspace: Workspace) -> None:
-    """What a new batch is to do, how long that takes, and the button that starts it."""
+    """The form of a new batch: recordings, methods, expected time, and the start button."""
     _show_drop_zone(workspace)
     root, dropped = recordings_folder(), workspace.dropped.files
     below = folders(root)
@@ -249,19 +253,19 @@ def _undrop(workspace: Workspace) -> None:
 def _named(workspace: Workspace, name: str) -> Path:
     """The folder of a study of that name, as it is typed."""
     study_path(name)  # refuses what names another's
-    return own.path_of(workspace.id, name)
+    return study_folders.path_of(workspace.id, name)
 
 
 def _free_name(workspace: Workspace) -> str:
-    taken = own.own_studies(workspace.id)
+    taken = study_folders.listed_studies(workspace.id)
     names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(taken) + 3)))
     return next(name for name in names if name not in taken)
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
     if workspace.dropped.files and not is_active(workspace, name):
-        own.make_room(workspace.id, name, workspace.dropped.nbytes)
-        paths = workspace.dropped.save(own.path_of(workspace.id, name))
+        study_folders.make_room(workspace.id, name, workspace.dropped.nbytes)
+        paths = workspace.dropped.save(study_folders.path_of(workspace.id, name))
         request, workspace.dropped = replace(request, sources=paths), Dropped()
     _start(workspace, name, request)
     workspace.choices = {

@@ -19,9 +19,9 @@ class Pending:
     """A table, and how it would be read."""
 
     file: File
-    """As it was opened, without a mapping."""
+    """The table as it was opened, without a mapping."""
     mapping: CsvMapping | None = None
-    """What the columns hold, as chosen so far; None for a table of pairs.
+    """The meaning of the columns as chosen so far; None for a table of pairs.
 
     What a person has to choose yet is empty: the name of a column, the step of even rows and of
     frames, a length (nan).

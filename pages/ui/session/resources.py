@@ -1,4 +1,4 @@
-"""What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
+"""Resources that all browsers share: store, library, queues, recordings and their windows."""
 
 import logging
 import os
@@ -142,7 +142,7 @@ def stop_file() -> Path:
 
 
 def title_of_variant(name: str) -> str:
-    """What a method is called that a name in `VARIANTS` stands for; another name as it is."""
+    """The title of a variant's method; another name as it is."""
     if name not in VARIANTS:
         return name
     key, config = VARIANTS[name]
@@ -179,7 +179,7 @@ def samples() -> list[Path]:
 
 
 def sample_title(path: Path) -> str:
-    """What a sample is called."""
+    """The title of a sample."""
     return TITLES.get(path.stem, path.stem)
 
 
@@ -261,7 +261,7 @@ def segment_of(
 
 @cached
 def rated(recording: Recording, segment: Segment) -> tuple[Rating, ...]:
-    """What a window is worth."""
+    """The quality of a window, as ratings."""
     return rate(segment, recording, assess_quality(segment))
 
 
@@ -272,7 +272,7 @@ def rated_windows(
     vehicles: tuple[int, ...],
     excluded: tuple[str, ...],
 ) -> tuple[RatedWindow, ...]:
-    """What each of several windows is worth, and which are used."""
+    """The quality of each of several windows, and which are used."""
 
     def row(number: int, window: Window) -> RatedWindow:
         try:
