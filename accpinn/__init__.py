@@ -35,6 +35,7 @@ The public interface, in the order data flows:
     stability_report, StabilityReport L₂ and L∞ string stability
     Margins                           how much the time gap exceeds the smallest stable one
     Waves                             growth of braking and accelerating waves, by their size
+    WhatIf                            another time gap or delay, the acceleration ahead fed forward
     measured_gain, MeasuredGain       gain of a vehicle, from its recording by Welch's method
     transfer_function                 a vehicle as an object of python-control
     simulate_platoon, PlatoonRun      a platoon behind a leader, exact at every sample
@@ -49,8 +50,9 @@ The public interface, in the order data flows:
     Store, Library                    results on disk
     save, load, verify, Verification  one file with all of a result
     report, render_report             a result as one web page
-    Table, parameter_table            results as text, CSV, LaTeX and HTML
+    Table, parameter_table            results as text, CSV, Markdown, LaTeX and HTML
     methods_table, stability_table
+    models_table, pairs_table         judged models, one by one and in pairs
     sumo_types, parameter_card        parameters for SUMO, and with their provenance
     messages                          the sentences of a result's findings
     AccpinnError                      one sentence that names place, fault and cure

@@ -59,6 +59,8 @@ from .results.report import render_report as render_report
 from .results.tables import Table as Table
 from .results.tables.estimates import methods_table as methods_table
 from .results.tables.estimates import parameter_table as parameter_table
+from .results.tables.models import models_table as models_table
+from .results.tables.models import pairs_table as pairs_table
 from .results.tables.stability import stability_table as stability_table
 from .segment import Segment as Segment
 from .segment.cut import cut as cut
@@ -72,6 +74,7 @@ from .stability.margin import Margins as Margins
 from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
 from .stability.waves import Waves as Waves
+from .stability.what_if import WhatIf as WhatIf
 from .study import Analysis as Analysis
 from .study.batch import batch as batch
 from .study.comparison import spread_of as spread_of
@@ -79,7 +82,7 @@ from .study.comparison import starts as starts
 from .study.groups import Groups as Groups
 from .study.groups import group as group
 from .study.groups import read_study as read_study
-from .study.judge import Judgements as Judgements
+from .study.judging import Judgements as Judgements
 from .study.result import Result as Result
 from .study.run import run as run
 from .study.snapshot import load as load

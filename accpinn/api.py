@@ -21,7 +21,8 @@ from accpinn.methods.estimate import OnProgress
 from accpinn.methods.pinn.config import DEFAULT
 from accpinn.methods.registry import COMPARED, method_of, recommended_method, variant_key
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import JUDGED, PAPER, following_model
+from accpinn.model.following import FollowingModel
+from accpinn.model.registry import FOLLOWING, JUDGED, PAPER, following_model, register_model
 from accpinn.platoon import PlatoonRun
 from accpinn.platoon.leader import Leader, Recorded
 from accpinn.recordings import Recording, Window
@@ -31,11 +32,12 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, parse_windows
 from accpinn.storage import shipped
 from accpinn.study import Analysis, comparison, single_window, snapshot, vehicles_of, verification
-from accpinn.study.judge import Judgements, subjects_of
-from accpinn.study.judge import judge as judge_models
+from accpinn.study.judge import candidate
+from accpinn.study.judging import Judgements, judge_recordings
 from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of, run
+from accpinn.study.scripts import ENDING, Script
 from accpinn.study.store import Store
 from accpinn.study.verification import PATIENCE, Verification
 from accpinn.units import Seconds
@@ -378,21 +380,34 @@ def compare(
 
 
 def judge(
-    source: str | os.PathLike[str] | Recording,
-    models: Sequence[str] = JUDGED,
+    source: str | os.PathLike[str] | Recording | Sequence[str | os.PathLike[str] | Recording],
+    models: Sequence[str | FollowingModel] = JUDGED,
     windows: Windows = AUTO,
     vehicles: str | Sequence[int] | None = None,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> Judgements:
     """Judge which car-following model describes each car, in windows left out of its fit.
 
     Args:
-        source: a CSV file, or what `read` made of it.
-        models: keys of models; by default the paper's, the recommended one, and the usual ones.
-        windows: that are left out in turn, as for `fit`; of fewer than three windows, blocks.
-        vehicles: leader first; by default as for `fit`.
+        source: a CSV file, or what `read` made of it; or several of either, or folders.
+        models: models, or their keys, or paths of scripts ending in .py that register some; names
+            of methods are judged under their usual model. By default the paper's model, the
+            recommended one, and the usual ones.
+        windows: that are left out in turn, as for `fit`; of fewer than three windows, blocks. Of
+            several recordings "auto" alone.
+        vehicles: leader first; by default all that follow another, and those of ``windows`` as for
+            `fit`.
+        folder: where each score is kept as it arrives, so that the same call goes on from there;
+            by default nothing is kept.
+        workers: processes on this machine; by default all is done in this one. Workers know no
+            model that is registered in this process alone: give its script.
+        scheduler: address of a dask scheduler, as "tls://host:8786", in place of ``workers``.
 
     Raises:
-        AccpinnError: one sentence that names what is wrong with file, windows or models.
+        AccpinnError: one sentence that names what is wrong with files, windows or models.
 
     Examples:
         >>> import accpinn
@@ -401,14 +416,41 @@ def judge(
         >>> judgements.to_frame().model.tolist()
         ['cthp-s0', 'cthp']
     """
-    recording = _recording(source)
-    keys = tuple(dict.fromkeys(following_model(key).key for key in models))
-    if not keys:
-        raise ConfigError('models: none is given; choose keys in a tuple, as ("cthp", "idm").')
-    chosen = () if windows == AUTO else _windows(recording, windows, vehicles)
-    subjects = subjects_of(recording, vehicles_of(recording, vehicles), chosen)
-    *_, judged = judge_models(subjects, keys)
-    return Judgements(judged)
+    scripts = [Script.read(m) for m in models if isinstance(m, str) and m.endswith(ENDING)]
+    keys = [key for model in models for key in _judged_keys(model)]
+    for key in keys:
+        candidate(key)
+    about: dict[str, Any] = {
+        "scripts": scripts, "folder": None if folder is None else Path(folder),
+        "workers": workers, "scheduler": scheduler,
+    }  # fmt: skip
+    if workers is not None and (workers < 1 or scheduler):
+        raise ConfigError(
+            f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
+        )
+    listed = [source] if isinstance(source, str | os.PathLike | Recording) else list(source)
+    if len(listed) == 1 and (isinstance(listed[0], Recording) or not Path(listed[0]).is_dir()):
+        recording = _recording(listed[0])
+        chosen = () if windows == AUTO else _windows(recording, windows, vehicles)
+        given = None if vehicles is None else vehicles_of(recording, vehicles)
+        return judge_recordings([recording], keys, vehicles=given, windows=chosen, **about)
+    if windows != AUTO or vehicles is not None:
+        raise ConfigError(
+            "windows: those of several recordings, and their vehicles, are found; leave windows and"
+            " vehicles out."
+        )
+    if any(isinstance(part, Recording) for part in listed):
+        listed = [_recording(part) for part in listed]
+    return judge_recordings(listed, keys, **about)  # type: ignore[arg-type]  # all are alike
+
+
+def _judged_keys(model: str | FollowingModel) -> tuple[str, ...]:
+    """The keys that stand for a model, which is registered where it is not yet, or a script."""
+    if isinstance(model, FollowingModel):
+        if FOLLOWING.get(model.key) is not model:
+            register_model(model)
+        return (model.key,)
+    return Script.read(model).names() if model.endswith(ENDING) else (model,)
 
 
 def simulate_platoon(

@@ -23,6 +23,7 @@ COMMANDS = {
     "fit": ("estimation", "learn each follower's parameters from windows of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "several methods on the same windows, side by side"),
+    "judge": ("judge", "car-following models, also your own, in windows left out of their fit"),
     "batch": ("batch", "all windows of many recordings by several methods"),
     "table": ("batch", "what a batch says by make, model, setting, ..."),
     "stability": ("vehicles", "string stability of given parameters"),

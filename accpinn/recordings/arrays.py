@@ -125,13 +125,16 @@ def from_frame(
         raise _refusal("speeds", f"{excerpt(repr(speeds))} is no list", "list names, leader first")
     if not isinstance(gaps, Sequence):
         raise _refusal("gaps", f"{excerpt(repr(gaps))} is no list", "list names, one a follower")
+    for argument, listed in (("speeds", speeds), ("gaps", gaps)):
+        if not len(listed):
+            raise _refusal(argument, "no column is named", "list the names of columns")
     chosen = [("time", time), *(("speeds", n) for n in speeds), *(("gaps", n) for n in gaps)]
     for argument, name in chosen:
         count = sum(column == name for column in columns)
         if count != 1:
-            listed = excerpt(", ".join(map(str, columns)), 150)
+            every = excerpt(", ".join(map(str, columns)), 150)
             fault = f'{"no column" if not count else "several columns"} "{excerpt(str(name))}"'
-            raise _refusal(argument, f"the frame has {fault}", f"choose among {listed}")
+            raise _refusal(argument, f"the frame has {fault}", f"choose among {every}")
     used = [str(name) for _, name in chosen]
     if twice := next((name for name in used if used.count(name) > 1), ""):
         raise _refusal("frame", f'"{excerpt(twice)}" is named twice', "name a column once")

@@ -160,6 +160,8 @@ HEADINGS = dict(zip(GROUPABLE, _NAMED, strict=True))
 FASTEST = SPEEDS[-1]
 GAP = "Time gap"
 GROWTH = Column("Largest growth", digits=2, key="growth")
+MARGIN = Column("Margin, L₂", "s", 2, key="margin_l2")
+"""By how much the time gap exceeds the smallest string stable one."""
 NARROW = 2
 """Parameters in a table of 100 characters, each with a decimal less."""
 
@@ -186,6 +188,7 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
         *_heads(grouped),
         *_gaps(grouped),
         (GROWTH, [group.growth for group in groups]),
+        (MARGIN, [_finite(group.margin) for group in groups]),
         *((column, [group.span(name) for group in groups])
           for name, column in columns_of_model.items()),
         *_stable(groups),
@@ -218,11 +221,12 @@ def ranking_table(grouped: Groups) -> Table:
         f"Typical value ({100 * grouped.level:g} % interval), by time gap at"
         f" {3.6 * FASTEST:.0f} km/h, measured before extrapolated"
     )
-    growth: Filled = (GROWTH, [group.growth for group in ranked.groups])
-    return Table.of(
-        caption,
-        [_labels(ranked), *_gaps(ranked), growth, *_stable(ranked.groups), *_counts(ranked)],
-    )
+    more: list[Filled] = [
+        (GROWTH, [group.growth for group in ranked.groups]),
+        (MARGIN, [_finite(group.margin) for group in ranked.groups]),
+    ]
+    columns = [*_gaps(ranked), *more, *_stable(ranked.groups), *_counts(ranked)]
+    return Table.of(caption, [_labels(ranked), *columns])
 
 
 def group_parameters_table(grouped: Groups) -> Table:
@@ -298,6 +302,11 @@ def _share(share: Quantity, group: Group) -> Cell:
     """The probability of one vehicle, else the share of several with its interval."""
     shown = _scaled(share, 100)
     return shown.value if isnan(share.value) or len(group.cars) == 1 else shown
+
+
+def _finite(of: Quantity) -> Cell:
+    """A value with its interval; none where it is infinite."""
+    return of if math.isfinite(of.value) else None
 
 
 def _scaled(of: Quantity, factor: float) -> Quantity:

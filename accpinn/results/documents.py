@@ -318,6 +318,7 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
                     "median": group.mean_time_gap.value,
                     "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
                 },
+                "margin_l2": _quantity(group.margin),
                 "l2_stable": _quantity(group.l2_stable),
                 "linf_stable": _quantity(group.linf_stable),
             }
@@ -343,7 +344,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
             _score_document(score, speed, share)
             for score, share in zip(judged.scores, wins([judged]), strict=True)
         ],
-        "best": judged.ranked[0].model.key,
+        "best": judged.ranked[0].key,
         "clear": judged.is_clear,
         "sentences": messages(judged.findings, judged.info),
     }
@@ -353,14 +354,15 @@ def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> 
     model, vehicle = score.model, stability_at(score.model, score.theta, speed)
     named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
     return {
-        "model": model.key,
-        "title": model.title,
+        "model": score.key,
+        "title": score.title,
         "parameters": {
             name: {"value": value, "interval": [low, high], "determined": bool(known)}
             for name, value, low, high, known in named
         },
         "level": MODEL_LEVEL,
         "gap_rmse": score.rmse.tolist(),
+        "gap_mae": score.mae.tolist(),
         "time_gap_rmse": score.time_gap_rmse.tolist(),
         "collided": score.collided.tolist(),
         "wins": float(share),

@@ -13,7 +13,12 @@ from accpinn.methods.estimate import SPEEDS, Span
 from accpinn.model.registry import TITLES
 from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
-from accpinn.results.messages.stability import becomes, reason
+from accpinn.results.messages.stability import (
+    becomes,
+    margin_in_words,
+    next_to_stable,
+    reason,
+)
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.objections import Objection, against_model
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
@@ -88,7 +93,8 @@ class Strip:
     speed: MetresPerSecond
     """Speed at which the time gap is stated."""
     about: tuple[str, ...]
-    """Method, model, windows, Case, and what an estimate without intervals is."""
+    """Method, model, windows, Case, what an estimate without intervals is, and how much more time
+    gap string stability takes."""
 
     def of_places(self, places: Collection[int]) -> "Strip":
         """The strip of some of the vehicles alone, by their index; 0 for the first."""
@@ -114,8 +120,9 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
             trust = _trust(subject, k, describe(result).row(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
-        about = (vehicles.title, *models, *([] if subject.uncertainty else [POINTS]))
-        return Strip(rows, leader, SPEEDS[-1], about)
+        point = "" if subject.uncertainty else POINTS
+        about = filter(None, (vehicles.title, *models, point, next_to_stable(subject)))
+        return Strip(rows, leader, SPEEDS[-1], tuple(about))
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
     rows = tuple(_row(subject, k, row) for k, row in zip(places, known.rows, strict=True))
@@ -129,7 +136,7 @@ def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
     case = f"Case {known.estimate.case}" if known.info.followers > 1 else ""
     model = TITLES[known.estimate.model]
     parts = known.method, model, linear, f"{windows}, {seconds:,.0f} s", case, known.point
-    return tuple(filter(None, parts))
+    return tuple(filter(None, (*parts, next_to_stable(subject))))
 
 
 def _row(subject: AssessedVehicles, place: int, row: Row | None) -> StripRow:
@@ -201,8 +208,10 @@ def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, Stabil
         return nothing, nothing
     vehicle = subject.report.vehicles[place]
 
-    def mark(name: str, verdict: Verdict, shares: FloatArray | None) -> StabilityMark:
-        why = reason(verdict, vehicle)
+    def mark(
+        name: str, verdict: Verdict, shares: FloatArray | None, margin: str = ""
+    ) -> StabilityMark:
+        why = f"{reason(verdict, vehicle)} {margin}".rstrip()
         if shares is None:
             said: Assessment = "stable" if verdict.stable else "unstable"
             return StabilityMark(said, True, f"{capital(verdict.word)} by these parameters. {why}")
@@ -213,7 +222,8 @@ def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, Stabil
         return StabilityMark(assessment(share), False, f"{odds} {why}")
 
     l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
-    return mark("L₂", vehicle.l2, l2), mark("L∞", vehicle.linf_exact, linf)
+    margin = margin_in_words(subject.l2_margins[place])
+    return mark("L₂", vehicle.l2, l2, margin), mark("L∞", vehicle.linf_exact, linf)
 
 
 def _trust(subject: AssessedVehicles, place: int, row: Row | None) -> TrustMark:

@@ -40,6 +40,7 @@ from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin, peaks
+from accpinn.stability.margin import l2_margins
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
@@ -115,6 +116,15 @@ class Group:
         low, high = interval_ends(drawn, self.level)
         value = float(peaks(middle).gain)  # of a mean, so it may lie just outside
         return Quantity(value, min(float(low), value), max(float(high), value))
+
+    @cached_property
+    def margin(self) -> Quantity:
+        """By how much the time gap exceeds the smallest L₂ string stable one, in s."""
+        middle, typical, _ = self._parts
+        if not np.isfinite(middle.complete).all():
+            return Quantity(np.nan, np.nan, np.nan)
+        drawn = typical[:: max(1, len(typical.alpha) // STABILITY_DRAWS)]
+        return l2_margins(middle[None], drawn[:, None], self.level)[0].distance
 
     @cached_property
     def between_windows(self) -> dict[str, Quantity]:
@@ -199,7 +209,8 @@ class Groups:
 
         Columns are what it is grouped by, windows, vehicles, mean_time_gap (median, and the
         quartiles as .._low and .._high), the typical time gap at 50 and 100 km/h and the
-        parameters with their intervals, and the shares l2_stable and linf_stable.
+        parameters with their intervals, margin_l2 (of the time gap, in s), and the shares l2_stable
+        and linf_stable.
         """
         rows = []
         for part in self.groups:
@@ -209,6 +220,7 @@ class Groups:
             for speed in SPEEDS:
                 known[f"time_gap_at_{3.6 * speed:.0f}_kmh_s"] = part.time_gap(speed)
             known |= {name: part.span(name) for name in part.names}
+            known |= {"margin_l2": part.margin}
             known |= {"l2_stable": part.l2_stable, "linf_stable": part.linf_stable}
             for name, of in known.items():
                 row |= {name: of.value, f"{name}_low": of.lower, f"{name}_high": of.upper}

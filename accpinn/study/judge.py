@@ -12,24 +12,30 @@ fitted to all windows and linearised at the stretch's median speed, is compared 
 estimate (see `inference.gain_check`); the error is the rms difference in dB.
 
 Where a recording has fewer than three windows, blocks of them are left out in turn.
+
+A method of estimation is judged likewise: its estimate from the other windows, under its usual
+model, drives in the one left out. Many recordings are judged by `study.judging`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
-from accpinn.errors import ParameterError, SegmentError
+from accpinn.errors import ConfigError, ParameterError, SegmentError, shown
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.gain_check import LEAST, compared
+from accpinn.methods import TaskContext
+from accpinn.methods.registry import METHODS, VARIANTS, variant_of
 from accpinn.methods.simulation import BLOCK, Drives, optima, refuse_short
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import FOLLOWING, following_model
+from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import cut, default_vehicles
@@ -37,9 +43,6 @@ from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, nanmean
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 LONGEST: Seconds = 150.0
 """Longest window of car-following that is left out."""
@@ -130,6 +133,13 @@ class Subject:
         )
         return float(low), float(middle), float(high)
 
+    def judgement(self, scores: tuple["ModelScore", ...]) -> "Judgement":
+        """The scores of models with what they are about."""
+        windows, stretches = (
+            tuple(segment.window for segment in part) for part in (self.windows, self.stretches)
+        )
+        return Judgement(self.windows[0].info, windows, stretches, self.speeds, scores)
+
     def gain_error(self, model: FollowingModel, theta: FloatArray) -> float:
         """Rms error of |H| in dB, the median over the stretches; nan where none is measured."""
         errors = []
@@ -160,12 +170,47 @@ class Subject:
         return gains
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A model whose parameters are sought in closed loop, or a method with its usual model."""
+
+    model: FollowingModel
+    method: str = ""
+    """Name of the method among `VARIANTS`; empty for closed-loop simulation."""
+
+    @property
+    def title(self) -> str:
+        """Its name for people."""
+        if not self.method:
+            return self.model.title
+        key, settings = variant_of(self.method)
+        preset = "" if settings is None else f" ({settings.preset})"
+        return f"{METHODS[key].title}{preset}: {self.model.title}"
+
+
+def candidate(name: str) -> Candidate:
+    """What is judged under a model's key or a method's name.
+
+    Raises:
+        ConfigError: for an unknown name.
+    """
+    if isinstance(name, str) and name in FOLLOWING:
+        return Candidate(FOLLOWING[name])
+    if isinstance(name, str) and name in VARIANTS:
+        key, settings = variant_of(name)
+        return Candidate(FOLLOWING[METHODS[key].usual_spec(settings).model], name)
+    keys, name = ", ".join(FOLLOWING), shown(name).strip("'")
+    raise ConfigError(
+        f"models: {name} is not known; choose from {keys}, or a method: {', '.join(VARIANTS)}."
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class ModelScore:
     """How one model does on one follower."""
 
     key: str
-    """The model's key in the registry."""
+    """The model's key in the registry, or the name of a method."""
     theta: FloatArray
     """(n,) its parameters from all windows together."""
     lower: FloatArray
@@ -176,6 +221,8 @@ class ModelScore:
     """(n,) whether the data say more of a parameter than the prior."""
     rmse: FloatArray
     """(K,) of the gap in each window left out, in m."""
+    mae: FloatArray
+    """(K,) mean absolute error of the gap there, in m."""
     time_gap_rmse: FloatArray
     """(K,) in s; nan in a window where the vehicle is slower than `SLOW`."""
     collided: Mask
@@ -185,8 +232,13 @@ class ModelScore:
 
     @property
     def model(self) -> FollowingModel:
-        """The model."""
-        return FOLLOWING[self.key]
+        """The model; that of a method is its usual one."""
+        return candidate(self.key).model
+
+    @property
+    def title(self) -> str:
+        """Its name for people."""
+        return candidate(self.key).title
 
     @property
     def named(self) -> dict[str, float]:
@@ -242,76 +294,15 @@ class Judgement:
         best, other = self.ranked[:2]
         describes = Describes(
             self.info.vehicles[1],
-            best.model.title,
-            other.model.title,
+            best.title,
+            other.title,
             len(best.rmse),
             best.typical_rmse,
             *beyond(other, best),
             self.is_clear,
-            tuple(score.model.title for score in self.worse),
+            tuple(score.title for score in self.worse),
         )
         return (describes,)
-
-
-@dataclass(frozen=True, eq=False)
-class Judgements:
-    """The models on each follower of a recording, as `accpinn.judge` gives them."""
-
-    cars: tuple[Judgement, ...]
-    """(M,) one a follower that models can be judged on."""
-
-    def __iter__(self) -> Iterator[Judgement]:
-        """Iterate over the followers."""
-        return iter(self.cars)
-
-    def __len__(self) -> int:
-        """The number of followers."""
-        return len(self.cars)
-
-    def __getitem__(self, place: int) -> Judgement:
-        """The judgement of a follower, 0 for the first."""
-        return self.cars[place]
-
-    def __str__(self) -> str:
-        """A sentence a follower, and the gap errors of its models, the best first."""
-        lines = []
-        for car in self.cars:
-            lines += [finding.sentence(car.info) for finding in car.findings]
-            errors = (f"{score.key} {score.typical_rmse:.2f} m" for score in car.ranked)
-            lines.append(f"{car.info.labels[1]}: {', '.join(errors)}")
-        return "\n".join([*lines, "More: .to_frame()"])
-
-    def to_frame(self) -> "DataFrame":
-        """One row a follower and model, the best model of each follower first.
-
-        Columns are vehicle, name, model, windows, gap_rmse (m, the geometric mean over windows left
-        out), worse_low and worse_high (percent beyond the best, one standard error to either side),
-        best_in and collides_in (windows), gain_error (dB), and the model's parameters as a dict.
-        """
-        from pandas import DataFrame  # takes a third of a second
-
-        rows = []
-        for car in self.cars:
-            keys = [score.key for score in car.scores]
-            shares = dict(zip(keys, wins([car]).tolist(), strict=True))
-            for score in car.ranked:
-                _, low, high = beyond(score, car.ranked[0])
-                rows.append(
-                    {
-                        "vehicle": car.info.vehicles[1],
-                        "name": car.info.names[1],
-                        "model": score.key,
-                        "windows": len(car.windows),
-                        "gap_rmse": score.typical_rmse,
-                        "worse_low": low,
-                        "worse_high": high,
-                        "best_in": round(shares[score.key] * len(car.windows)),
-                        "collides_in": int(score.collided.sum()),
-                        "gain_error": score.gain_error,
-                        "parameters": score.named,
-                    }
-                )
-        return DataFrame(rows)
 
 
 def difference(scores: Sequence[ModelScore], others: Sequence[ModelScore]) -> tuple[float, float]:
@@ -353,24 +344,33 @@ def subjects_of(
         try:
             chosen = windows or car_following(recording, pair, LONGEST)
             long = windows or car_following(recording, pair, LONGEST_STRETCH)
-            stretches = [cut(recording, w.start, w.duration, pair) for w in long]
-            if len(chosen) < LEAST_WINDOWS:
-                each = -(-LEAST_WINDOWS // len(chosen))
-                chosen = [part for whole in chosen for part in blocks(whole, each)]
-            if len(chosen) < 2:
-                raise SegmentError(
-                    f"{recording.source}: {chosen[0]} is too short to judge models by; it takes"
-                    f" {2 * BLOCK:g} s of which each half can be left out."
-                )
-            segments = [cut(recording, w.start, w.duration, pair) for w in chosen]
+            subjects.append(subject_of(recording, pair, chosen, long))
         except SegmentError as fault:
             faults.append(fault)
-            continue
-        kept = tuple(part for part in stretches if part.window.duration >= STRETCH)
-        subjects.append(Subject(tuple(segments), kept))
     if not subjects:
         raise faults[0]
     return tuple(subjects)
+
+
+def subject_of(
+    recording: Recording, pair: Sequence[int], windows: Sequence[Window], long: Sequence[Window]
+) -> Subject:
+    """One follower in these windows, and the stretches of ``long`` that are long enough.
+
+    Raises:
+        SegmentError: where the windows are too short.
+    """
+    if len(windows) < LEAST_WINDOWS:
+        each = -(-LEAST_WINDOWS // len(windows))
+        windows = [part for whole in windows for part in blocks(whole, each)]
+    if len(windows) < 2:
+        raise SegmentError(
+            f"{recording.source}: {windows[0]} is too short to judge models by; it takes"
+            f" {2 * BLOCK:g} s of which each half can be left out."
+        )
+    segments = tuple(cut(recording, w.start, w.duration, pair) for w in windows)
+    stretches = [cut(recording, w.start, w.duration, pair) for w in long]
+    return Subject(segments, tuple(part for part in stretches if part.window.duration >= STRETCH))
 
 
 def blocks(window: Window, least: int) -> tuple[Window, ...]:
@@ -399,13 +399,7 @@ def judge(
             return
         done.append(scores)
         yield tuple(
-            Judgement(
-                subject.windows[0].info,
-                tuple(segment.window for segment in subject.windows),
-                tuple(segment.window for segment in subject.stretches),
-                subject.speeds,
-                of_models,
-            )
+            subject.judgement(of_models)
             for subject, of_models in zip(subjects, zip(*done, strict=True), strict=True)
         )
 
@@ -431,29 +425,58 @@ def seconds_of(windows: int) -> Seconds:
 def _scores(
     subjects: Sequence[Subject], key: str, should_stop: Callable[[], bool] | None
 ) -> tuple[ModelScore, ...]:
-    model, windows = following_model(key), [w for subject in subjects for w in subject.windows]
+    judged, windows = candidate(key), [w for subject in subjects for w in subject.windows]
     for window in windows:
         refuse_short(window)
-    drives = Drives.of(windows, model)
+    model, drives = judged.model, Drives.of(windows, judged.model)
     ends = np.cumsum([0, *(len(subject.windows) for subject in subjects)])
     of_subjects = [list(range(*pair)) for pair in pairwise(ends.tolist())]
     groups = [[k for k in rows if k != left_out] for rows in of_subjects for left_out in rows]
-    estimates = optima(model, drives, groups + of_subjects, should_stop)
-    theta = np.array([part.theta for part in estimates[: len(groups)]]).T
+    if judged.method:
+        fits = _fits(judged, windows, groups + of_subjects, should_stop)
+    else:
+        found = optima(model, drives, groups + of_subjects, should_stop)
+        fits = [_Fit(part.theta, part.lower, part.upper, part.determined) for part in found]
+    theta = np.array([part.theta for part in fits[: len(groups)]]).T
     driven, known = drives.simulated(model, theta)[:, 0], drives.counts
     errors = np.nan_to_num(driven - drives.gaps, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST)
     errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
     fast = np.where(drives.speeds > SLOW, drives.speeds, np.nan)
     rmse, time_gap_rmse = (np.sqrt(nanmean(e**2)) for e in (errors, errors / fast))
-    collided: Mask = np.asarray((known & collides(driven)).any(axis=0))
+    mae, collided = nanmean(np.abs(errors)), np.asarray((known & collides(driven)).any(axis=0))
     return tuple(
         ModelScore(
             key,
-            *(whole.theta, whole.lower, whole.upper, whole.determined),
-            *(rmse[rows], time_gap_rmse[rows], collided[rows]),
+            *whole,
+            *(rmse[rows], mae[rows], time_gap_rmse[rows], collided[rows]),
             subject.gain_error(model, whole.theta),
         )
-        for subject, rows, whole in zip(
-            subjects, of_subjects, estimates[len(groups) :], strict=True
-        )
+        for subject, rows, whole in zip(subjects, of_subjects, fits[len(groups) :], strict=True)
     )
+
+
+class _Fit(NamedTuple):
+    """The parameters (n,) from a group of windows, with the ends of their intervals."""
+
+    theta: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    determined: Mask
+
+
+def _fits(
+    judged: Candidate,
+    windows: Sequence[Segment],
+    groups: Sequence[Sequence[int]],
+    should_stop: Callable[[], bool] | None,
+) -> list[_Fit]:
+    """A method's estimate from each group of windows; a point, as intervals are not judged."""
+    key, settings = variant_of(judged.method)
+    method, model, fits = METHODS[key], judged.model, list[_Fit]()
+    open_ends, context = np.full(len(model.names), np.nan), TaskContext(should_stop=should_stop)
+    for group in groups:
+        chosen = tuple(windows[k] for k in group)
+        found = method.fit(chosen, "II", settings, context, ModelSpec(model.key))
+        theta = np.array([found.values(found.parameters, name)[0] for name in model.names])
+        fits.append(_Fit(theta, open_ends, open_ends, np.isfinite(theta)))
+    return fits

@@ -141,6 +141,11 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     return allowed
 
 
+def sound_windows(recording: Recording, number: int, longest: Seconds) -> tuple[Window, ...]:
+    """The windows of one follower in car-following under ACC in which its gap fits the speeds."""
+    return tuple(_windows(recording, _sound(recording, number, longest), longest))
+
+
 def car_following(
     recording: Recording, vehicles: str | Sequence[int] | None = None, longest: Seconds = DURATION
 ) -> tuple[Window, ...]:

@@ -16,6 +16,7 @@ from accpinn.model.registry import FOLLOWING, SHIPPED
 from accpinn.recordings import unnamed
 from accpinn.recordings.openacc import make_and_model
 from accpinn.stability import stability_report
+from accpinn.stability.margin import l2_margins
 from accpinn.storage import packaged_rows
 from accpinn.study.result import Result
 from accpinn.units import nanmean
@@ -79,6 +80,7 @@ def rows_of(
         "outcome": found.outcome.name.lower(),
         "seconds": found.seconds,
     }
+    lacking = l2_margins(found.parameters, *((known.draws, known.level) if known else ()))
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
@@ -105,7 +107,9 @@ def rows_of(
             "closed_loop_mae": _gap_error(evaluation.closed_loop, k),
             "collision_time": collisions[k],
             **_verdicts(found.parameters[k]),
-        }
+            **{f"margin_l2{ending}": getattr(lacking[k].distance, name)
+               for ending, name in (("", "value"), ("_low", "lower"), ("_high", "upper"))},
+        }  # fmt: skip
         for ending, values in (
             ("", found.parameters[k].values),
             ("_low", known.lower[k].values if known else [None] * 3),

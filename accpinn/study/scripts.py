@@ -5,12 +5,15 @@ is run once in each process, and never read from a study or a snapshot.
 """
 
 import os
+import sys
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Self
 
 from accpinn.errors import AccpinnError, ConfigError
+from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING
 from accpinn.storage import reported
 
@@ -46,24 +49,45 @@ class Script:
         Raises:
             ConfigError: when it fails, or registers no model.
         """
-        return _run(self)
+        models, _ = _run(self)
+        if not models:
+            raise ConfigError(
+                f"{self.name}: it registers no model; let it call accpinn.register_model."
+            )
+        return models[0]
+
+    def names(self) -> tuple[str, ...]:
+        """Run it likewise; returns the keys of the models and of the methods that it adds.
+
+        Raises:
+            ConfigError: when it fails, or registers neither.
+        """
+        models, methods = _run(self)
+        if not models + methods:
+            raise ConfigError(
+                f"{self.name}: it registers neither model nor method; let it call"
+                " accpinn.register_model or accpinn.register_method."
+            )
+        return models + methods
 
 
 @cache
-def _run(script: Script) -> str:
-    before = dict(FOLLOWING)
+def _run(script: Script) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Run it; returns the keys of the models, without their variants, and of the methods."""
+    before = {**FOLLOWING, **METHODS}
     try:
-        exec(compile(script.text, script.name, "exec"), {"__name__": "accpinn_script"})
+        with redirect_stdout(sys.stderr):  # where a result is printed, nothing else is
+            exec(compile(script.text, script.name, "exec"), {"__name__": "accpinn_script"})
     except AccpinnError as fault:
         raise ConfigError(f"{script.name}: {fault}") from None
-    except Exception as fault:
+    except (Exception, SystemExit) as fault:
         raise ConfigError(
             f"{script.name}: it fails with {type(fault).__name__}: {str(fault)[:120]}; mend it."
         ) from None
-    for key, model in FOLLOWING.items():
-        if before.get(key) is not model:
-            return key
-    raise ConfigError(f"{script.name}: it registers no model; let it call accpinn.register_model.")
+    new = [key for key, model in FOLLOWING.items() if before.get(key) is not model]
+    late = {f"{key}-{term}" for key in new for term in ("lag", "delay")}
+    methods = [key for key, method in METHODS.items() if before.get(key) is not method]
+    return tuple(key for key in new if key not in late), tuple(methods)
 
 
 def model_key(model: str) -> str:

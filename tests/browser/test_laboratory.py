@@ -1,5 +1,6 @@
 """The frequency laboratory answers in the browser, with the numbers that Python has."""
 
+import json
 import re
 
 import numpy as np
@@ -8,6 +9,7 @@ from playwright.sync_api import Page, expect
 
 from accpinn.model.published import ASTAZERO
 from accpinn.stability.criteria import response
+from accpinn.stability.what_if import WhatIf
 from pages.ui.laboratory import FOLLOWERS
 from tests.browser.conftest import Open
 from tests.browser.running import chart, idle
@@ -49,6 +51,31 @@ def agrees(page: Page) -> None:
     assert last == pytest.approx(gains[0] ** FOLLOWERS, abs=0.0051), "eight Audis"
 
 
+def follows_a_change(page: Page) -> None:
+    """Check that the browser's responses of changed cars are Python's, and are taken back."""
+    page.get_by_role("button", name="What if").click()
+    keys = {"Change of the time gap": 6, "Change of the delay": 5, "Feed-forward of": 8,
+            "Latency of": 3}  # fmt: skip
+    for name, presses in keys.items():
+        slider = page.get_by_role("slider", name=name)
+        for _ in range(presses):
+            slider.press("ArrowRight")
+    changed = WhatIf(ASTAZERO.parameters, 0.3, 0.25, 0.4, 0.15)
+    omega, levels, last = shown(page)
+    gains = np.abs(changed.response(np.array([omega]))[:, 0])
+    np.testing.assert_allclose(levels, 20 * np.log10([*gains, gains.prod()]), atol=0.0051)
+    assert last == pytest.approx(gains[0] ** FOLLOWERS, abs=0.0051)
+    box = page.locator(".what-if")
+    exact = np.array(json.loads(box.get_attribute("data-gains") or ""))
+    np.testing.assert_allclose(exact, gains, rtol=1e-9)
+    peaks = np.array(json.loads(box.get_attribute("data-peaks") or ""))
+    np.testing.assert_allclose(peaks, changed.peaks.gain, rtol=1e-4, err_msg="on other frequencies")
+    expect(box.locator("b")).to_contain_text("Largest growth")
+    page.get_by_role("button", name="Reset").click()
+    agrees(page)
+    expect(box.locator("b")).to_have_text("")
+
+
 def test_the_slider_answers_at_once_with_pythons_numbers(opened: Open) -> None:
     page = opened("/Stability")
     page.get_by_role("button", name="Open a published example").click()
@@ -73,6 +100,7 @@ def test_the_slider_answers_at_once_with_pythons_numbers(opened: Open) -> None:
     expect(button).to_have_attribute("aria-pressed", "true")
     assert shown(page)[0] == 0.25
     agrees(page)
+    follows_a_change(page)
     page.wait_for_timeout(REPORTED_MS)
     idle(page)
     assert not page.evaluate("drawn"), "the response is drawn once"

@@ -35,7 +35,7 @@ from accpinn.results.figures.stability import (
     draw_clickable,
     frequencies,
 )
-from accpinn.stability.criteria import response
+from accpinn.stability.criteria import checked, response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.lagged import is_lagged
 from accpinn.study.vehicles import AssessedVehicles
@@ -125,8 +125,9 @@ def frequency_data(
     Returns:
         "omega" (K,); of each of the platoon's different vehicles its gain H(jω) as real and
         imaginary parts, null where it never settles; its "order" in terms of these; names, colours
-        and widths of all vehicles, leader first; and the "curves" of the response with their values
-        at each frequency.
+        and widths of all vehicles, leader first; the "curves" of the response with their values
+        at each frequency; and the "cars" (V, 5) α, β, τ, λ and d of these curves, of which the
+        platoon's "different" ones are places, for what a change of these would do.
     """
     omega, vehicles = np.array(offered), subject.vehicles
     different = [*dict.fromkeys(cast.order)]
@@ -146,6 +147,8 @@ def frequency_data(
             {"name": name, "colour": paint, "values": _sent(row)}
             for name, paint, row in zip(names, paints, values, strict=True)
         ],
+        "cars": checked(vehicles.parameters).complete[:, [0, 1, 2, 4, 5]].tolist(),
+        "different": different,
         "unit": unit,
         "decimals": decimals,
         "amplitude": AMPLITUDE,

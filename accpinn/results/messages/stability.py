@@ -1,7 +1,7 @@
 """String stability in sentences: the verdict, its probability and reason."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import isinf, isnan
+from math import isfinite, isinf, isnan
 
 from accpinn.findings import all_of, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST
@@ -17,7 +17,7 @@ from accpinn.stability import (
     VehicleStability,
     Verdict,
 )
-from accpinn.stability.margin import State
+from accpinn.stability.margin import NormMargin, State
 from accpinn.stability.waves import USUAL, Waves
 from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
 from accpinn.units import FloatArray, Quantity
@@ -89,12 +89,12 @@ def most_needed(subject: AssessedVehicles) -> str:
 
     By L₂, as the verdict above the pages' pictures.
     """
-    found, spoken = subject.margins.vehicles, subject.vehicles.spoken
-    judged = [k for k, v in enumerate(found) if not isnan(v.l2.distance.value)]
+    found, spoken = subject.l2_margins, subject.vehicles.spoken
+    judged = [k for k, margin in enumerate(found) if not isnan(margin.distance.value)]
     if not judged:
         return "The data do not determine the margins."
-    worst = min(judged, key=lambda k: found[k].l2.distance.value)
-    margin, name = found[worst].l2, spoken[worst]
+    worst = min(judged, key=lambda k: found[k].distance.value)
+    margin, name = found[worst], spoken[worst]
     value = margin.distance.value
     if margin.state is State.NEVER:
         return f"No time gap makes {name} L₂ string stable."
@@ -112,13 +112,44 @@ def most_needed(subject: AssessedVehicles) -> str:
     )
 
 
-def _gap(distance: Quantity, sign: int) -> str:
-    """A margin as a positive time in s, with its interval."""
-    value, ends = sign * distance.value, sorted((sign * distance.lower, sign * distance.upper))
-    if isnan(distance.lower):
-        return f"{value:.2f} s"
-    high = "or more" if isinf(ends[1]) else f"to {ends[1]:.2f}"
-    return f"{value:.2f} s ({ends[0]:.2f} {high})"
+def next_to_stable(subject: AssessedVehicles) -> str:
+    """How much more time gap the vehicle needs that lacks most, in a few words.
+
+    Empty where none is L₂ unstable, or no time gap makes it stable.
+    """
+    lacking = {
+        k: margin
+        for k, margin in enumerate(subject.l2_margins)
+        if margin.state is State.TOO_SHORT and subject.assessed[k] != "not determined"
+    }
+    if not lacking:
+        return ""
+    most = min(lacking, key=lambda k: lacking[k].distance.value)
+    who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
+    return f"{who}needs {_gap(lacking[most].distance, -1, 'more')} to be string stable"
+
+
+def margin_in_words(margin: NormMargin) -> str:
+    """The margin of one vehicle by L₂, as a sentence; empty where there is none."""
+    if margin.state is State.TOO_SHORT:
+        return f"Needs {_gap(margin.distance, -1, 'more')} time gap."
+    if margin.state is State.STABLE and isfinite(margin.distance.value):
+        return f"Time gap to spare: {_gap(margin.distance, 1)}."
+    is_told = margin.state in (State.NEVER, State.TOO_LONG)
+    return f"{capital(margin.state.value)}." if is_told else ""
+
+
+def _gap(distance: Quantity, sign: int, word: str = "") -> str:
+    """A margin as a positive time in s, with its interval; the word stands before that."""
+    said = f"{sign * distance.value:.2f} s {word}".rstrip()
+    low, high = sorted((sign * distance.lower, sign * distance.upper))
+    if isnan(low) or (isinf(low) and isinf(high)):
+        return said
+    if isinf(low):
+        within = f"up to {high:.2f}"
+    else:
+        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f} to {high:.2f}"
+    return f"{said} ({within})".replace("-", "−")
 
 
 def about_margin(subject: AssessedVehicles) -> str:

@@ -1,4 +1,6 @@
-"""A table as text, CSV, LaTeX and HTML; the modules beside this one fill tables with results.
+"""A table as text, CSV, Markdown, LaTeX and HTML.
+
+The modules beside this one fill tables with results.
 
 Names come from files and may hold anything: each format escapes what it would interpret.
 """
@@ -379,6 +381,17 @@ class Table:
         ]
         return "\n".join(lines) + "\n"
 
+    def to_markdown(self) -> str:
+        """A table of GitHub's Markdown under its caption; numbers are set right."""
+        rows = [[column.full_title for column in self.columns], *self._shown()]
+        rule = " | ".join("---" if column.digits is None else "---:" for column in self.columns)
+        heading, *body = (f"| {' | '.join(map(markdown, cells))} |" for cells in rows)
+        lines = [f"{markdown(self.caption)}\n"] if self.caption else []
+        lines += [heading, f"| {rule} |", *body]
+        if self.legend:
+            lines += ["", "  \n".join(map(markdown, self.legend))]
+        return "\n".join(lines) + "\n"
+
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         return template("tables/table.html").render(
@@ -418,6 +431,11 @@ def latex(text: str) -> str:
     )
     # After the end of a row a bracket would be read as its option.
     return f"{{}}{shown}" if shown.startswith("[") else shown
+
+
+def markdown(text: str) -> str:
+    """Text as Markdown shows it, whatever it holds."""
+    return re.sub(r"([\\`*_\[\]<>|#~])", r"\\\1", re.sub(r"\s+", " ", text))
 
 
 def _parts(cell: Cell) -> tuple[Cell, ...]:

@@ -516,7 +516,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
     The range beyond the best is one standard error about the mean of the ratios.
     """
     ranked, windows = judged.ranked, len(judged.windows)
-    keys = (score.model.key for score in judged.scores)
+    keys = (score.key for score in judged.scores)
     shares = dict(zip(keys, wins([judged]), strict=True))
     ends = [np.round(beyond(score, ranked[0])[1:]) + 0.0 for score in ranked[1:]]  # no -0
     vehicles = [stability_at(s.model, s.theta, speed) for s in ranked]
@@ -524,12 +524,12 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
     return Table.of(
         f"{judged.info.labels[1]}: models in {windows} windows left out",
         [
-            (MODEL, [score.model.title for score in ranked]),
+            (MODEL, [score.title for score in ranked]),
             (Column("Gap RMSE", "m", 2, LEFT_OUT), [s.typical_rmse for s in ranked]),
             (Column("Beyond the best", "%", 0, LEFT_OUT), [None, *(Range(*pair) for pair in ends)]),
             (
                 Column("Best in", group=LEFT_OUT),
-                [f"{windows * shares[s.model.key]:.0f} of {windows}" for s in ranked],
+                [f"{windows * shares[s.key]:.0f} of {windows}" for s in ranked],
             ),
             (
                 Column("Collides in", group=LEFT_OUT),
@@ -565,7 +565,7 @@ def model_parameters_table(judged: Judgement) -> Table:
     return Table.of(
         f"{judged.info.labels[1]}: parameters by closed-loop simulation of all windows",
         [
-            (MODEL, [score.model.title for score, _, _ in rows]),
+            (MODEL, [score.title for score, _, _ in rows]),
             (Column("Parameter"), [parameter.symbol for _, parameter, _ in rows]),
             (Column("Value", digits=4), cells),
             (Column("Unit"), [parameter.unit for _, parameter, _ in rows]),

@@ -27,6 +27,7 @@ from accpinn.results.tables import (
 )
 from accpinn.segment import Segment
 from accpinn.stability import StabilityReport, assessment
+from accpinn.stability.margin import l2_margins
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import AssessedVehicles
@@ -44,6 +45,7 @@ MARGIN_DIGITS = 4
 """Most decimals of a margin with an interval; of one that is open two less are shown."""
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
+MARGIN = Column("Margin", "s", 2, L2, key="margin_l2")
 
 
 def stability_table(
@@ -52,10 +54,11 @@ def stability_table(
     uncertainty: Uncertainty | None = None,
     checks: Sequence[GainCheck] = (),
 ) -> Table:
-    """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
+    """One row a vehicle: parameters, verdicts, peak, crossover, margin, exact gain, headways.
 
-    An uncertainty adds probabilities, the posterior's verdicts, and intervals; a verdict that the
-    measured gain contradicts is marked.
+    The margin is that of the time gap by L₂, see `stability.margin`. An uncertainty adds
+    probabilities, the posterior's verdicts, and intervals; a verdict that the measured gain
+    contradicts is marked.
 
     Examples:
         >>> import accpinn
@@ -72,6 +75,7 @@ def stability_table(
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
     bands = [v.onset for v in assessed]  # of few vehicles
     gains = [v.linf_gain for v in assessed]
+    margins = l2_margins(parameters, *((known.draws, known.level) if known else ()))
     return Table.of(
         f"String stability, {vehicles.title}",
         [
@@ -84,6 +88,7 @@ def stability_table(
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
             (BELOW, _with_ends(crossovers, known.crossover if known else None)),
+            (MARGIN, [_plain(margin.distance) for margin in margins]),
             *_posterior(LINF, known.probability_linf if known else None),
             (Column("Paper's criterion", group=LINF), [v.linf_paper.word for v in assessed]),
             (EXACT, [v.linf_exact.word for v in assessed]),
@@ -95,8 +100,8 @@ def stability_table(
 
 
 def verdicts_part(table: Table) -> Table:
-    """A `stability_table` without smallest headways, where a `margin_table` stands beside it."""
-    return table.only(lambda column: column.group != HEADWAY)
+    """A `stability_table` without headways and margin, where a `margin_table` stands beside it."""
+    return table.only(lambda column: column.group != HEADWAY and column.key != MARGIN.key)
 
 
 def criteria_part(table: Table) -> Table:
@@ -112,7 +117,8 @@ def known_table(subject: AssessedVehicles) -> Table:
 def verdict_table(subject: AssessedVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
-    aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
+    aside = [ABOVE.title, BELOW.title, MARGIN.title, "Paper's criterion", *certain]
+    table = known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 

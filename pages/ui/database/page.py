@@ -6,7 +6,7 @@ A study is the folder of one batch of estimations on the server. The batch that 
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -32,6 +32,8 @@ from pages.ui.database import running, study_folders
 from pages.ui.session.resources import find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
+FEW_GROUPS = 8
+"""Rows of the table of groups until all are asked for."""
 LISTED = 100
 """Failures that are shown; the file has all of them."""
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
@@ -211,7 +213,7 @@ def _show_study(
     tabs(workspace, "database_tabs", {
         "Time gap over speed": lambda: _show_gaps(workspace, rows, selected),
         "α–β plane": lambda: _show_plane(workspace, rows, selected),
-        "Numbers": lambda: _show_groups(selected, f"{study}_by_{by}"),
+        "Numbers": lambda: _show_groups(workspace, selected, f"{study}_by_{by}"),
         "Parameters": lambda: _show_parameters(selected),
         "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
         "All rows": lambda: _show_rows(workspace, rows, selected, study),
@@ -337,8 +339,16 @@ def _asked() -> dict[str, tuple[str, ...]]:
 # Tabs
 
 
-def _show_groups(selected: ShownRows, name: str) -> None:
-    show.table(results.ranking_table(selected.groups))
+def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
+    table = results.ranking_table(selected.groups)
+    count, key = len(table.rows), "database_all_groups"
+    is_short = count > FEW_GROUPS and not workspace.choices.get(key)
+    show.table(replace(table, rows=table.rows[:FEW_GROUPS]) if is_short else table)
+    if is_short:
+        st.button(
+            f"Show all {count} groups", key=f"{key}_more", type="tertiary",
+            icon=":material/expand_more:", on_click=workspace.keep(key), args=(True,),
+        )  # fmt: skip
     show.caption(
         "Of several vehicles: their share, and in brackets that of all such vehicles.",
         "In brackets: intervals of the typical value. With one vehicle that is its own; with"

@@ -21,8 +21,8 @@ from pages.ui.session.resources import batch_queue
 from pages.ui.session.users import is_admin, owner_mark, sees_all
 
 OWNERS, LINKS, LINK = "_", "_links", ".link"
-"""Prefix of users' folders, folder of links, and file with the key of a study's link. No study's name
-begins with "_" or a point."""
+"""Prefix of users' folders, folder of links, and file with the key of a study's link. No
+study's name begins with "_" or a point."""
 SUPPLIED, SUPPLIED_TITLE = "supplied:openacc", "OpenACC cars (supplied)"
 """Name and title of the study that comes with the program."""
 MOST_DROPPED = 1_000_000_000
