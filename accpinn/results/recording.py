@@ -16,7 +16,7 @@ from accpinn.recordings import FLAGS, Recording, Vehicle, Window
 from accpinn.recordings.cures import Cure, Exchange, ReadSpeedAs, Reverse, Shift
 from accpinn.recordings.increments import agreement
 from accpinn.recordings.mapping import CsvMapping, units_taken
-from accpinn.results.tables import ABSENT, Cell, Column, Table, percent_cells
+from accpinn.results.tables import ABSENT, Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.cut import DURATION
@@ -115,10 +115,11 @@ def figure_of(rating: Rating) -> str:
 
 def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
     """One row a window: its length, what each check counts in it, and whether it is used."""
-    figures = [
-        (column, [_figure(row, place, column) for row in rows])
-        for place, column in enumerate(FIGURES.values())
-    ]
+    figures = list[Filled]()
+    for place, column in enumerate(FIGURES.values()):
+        factor = 100 if column.unit == "%" else 1
+        values = [row.ratings[place].figure if row.ratings else None for row in rows]
+        figures.append((column, [None if v is None else factor * v for v in values]))
     return Table.of(
         f"{source}: windows",
         [
@@ -128,13 +129,6 @@ def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
             (Column("In the training"), ["yes" if row.is_used else "no" for row in rows]),
         ],
     )
-
-
-def _figure(row: RatedWindow, place: int, column: Column) -> Cell:
-    if not row.ratings:
-        return None
-    value = row.ratings[place].figure
-    return 100 * value if column.unit == "%" else value
 
 
 def driver_summary(recording: Recording) -> str:

@@ -195,10 +195,17 @@ def _show_numbers(shown: _Shown) -> None:
 
 
 def _show_errors(shown: _Shown) -> None:
-    """Each method's errors, and what happens in simulation by its parameters."""
+    """Each method's errors with their scale, and the events of its simulation."""
     of = shown.rows, shown.follower, shown.recommended
     show.table(tables.compared_errors_table(*of))
-    st.caption(_about_errors(shown))
+    gap = np.concatenate([part.measured_gaps[:, shown.follower] for part in shown.data])
+    is_partial = not all(row.evaluation.blocks for row in shown.rows)
+    st.caption(
+        "For scale, the mean absolute deviation of the measured space-gap is"
+        f" {nanmean(abs(gap - nanmean(gap))):.2f} m. {GAP_ERROR}"
+        + " Hold-out is not computed for your own training."
+        * is_partial
+    )
     _show_collisions(shown)
 
 
@@ -233,17 +240,6 @@ def _show_failures(failures: Sequence[Refused]) -> None:
         for why, who in reasons.items()
     ]
     show.messages(sentences, "warning")
-
-
-def _about_errors(shown: _Shown) -> str:
-    """The scale of the methods' errors: how much the gap itself varies."""
-    is_partial = not all(row.evaluation.blocks for row in shown.rows)
-    gap = np.concatenate([part.measured_gaps[:, shown.follower] for part in shown.data])
-    return (
-        "For scale, the mean absolute deviation of the measured space-gap is"
-        f" {nanmean(abs(gap - nanmean(gap))):.2f} m. {GAP_ERROR}"
-        + (" Hold-out is not computed for your own training." * is_partial)
-    )
 
 
 def _show_course(shown: _Shown) -> None:

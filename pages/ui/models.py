@@ -122,10 +122,14 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     with st.container(horizontal=True, vertical_alignment="bottom", key="models_cars_chosen"):
         for judgement in judged:
             number, ranked = judgement.info.vehicles[1], judgement.ranked
+            options = dict[str, str]()
+            for score in ranked:
+                words = brief(score.key)
+                name = f"CTHP {words}" if words.startswith("with ") else words
+                options[score.key] = f"{name}, {score.typical_rmse:.2f} m"
             chosen[number] = select(
-                judgement.info.labels[1],
-                {score.key: f"{_short(score.key)}, {score.typical_rmse:.2f} m" for score in ranked},
-                ranked[0].key, f"models_of_{number}", workspace, width=250,
+                judgement.info.labels[1], options, ranked[0].key, f"models_of_{number}",
+                workspace, width=250,
                 help="The model with the least error first. Two errors may differ by chance: see"
                 " the numbers below.",
             )  # fmt: skip
@@ -148,19 +152,12 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     elif cars := cars_of(workspace):
         for task in workspace.cars.values():
             show.messages(task.error, "error")
-        show_strip(strip_of(of_several(cars)), next_step=lambda: _show_next(workspace))
 
+        def show_next() -> None:
+            frame.link(frame.STABILITY, "Next: string stability", workspace)
+            frame.link(frame.PLATOON, "Platoon", workspace)
 
-def _short(model: str) -> str:
-    """A model's name that fits a narrow field."""
-    words = brief(model)
-    return f"CTHP {words}" if words.startswith("with ") else words
-
-
-def _show_next(workspace: Workspace) -> None:
-    """The ways on with cars of several results."""
-    frame.link(frame.STABILITY, "Next: string stability", workspace)
-    frame.link(frame.PLATOON, "Platoon", workspace)
+        show_strip(strip_of(of_several(cars)), next_step=show_next)
 
 
 def _show_follower(workspace: Workspace, judgement: Judgement, speed: MetresPerSecond) -> None:

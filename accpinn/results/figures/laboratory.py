@@ -132,9 +132,14 @@ def frequency_data(
     omega, vehicles = np.array(offered), subject.vehicles
     different = [*dict.fromkeys(cast.order)]
     gains = steady_gains(cast.vehicles.parameters[different], omega)
-    values, (unit, decimals) = _curves(vehicles.parameters, part, omega), UNITS[part]
+    parameters, (unit, decimals) = vehicles.parameters, UNITS[part]
+    if part == "magnitude":
+        values = decibels(np.abs(response(parameters, omega)))
+    else:
+        values = phases(parameters, omega)
     names, paints = [*vehicles.labels], [*colours(vehicles)]
     if len(vehicles) > 1:
+        values = np.vstack([values, values.sum(axis=0)])
         names, paints = [*names, WHOLE_NAME], [*paints, style.LEADER]
     return {
         "omega": [*offered],
@@ -160,15 +165,6 @@ def frequency_data(
         "time": TIME.axis,
         "speed": "Speed about the mean [m/s]",
     }
-
-
-def _curves(parameters: Parameters, part: Part, omega: FloatArray) -> FloatArray:
-    """(V, K) dB or degrees of every vehicle; of several, then of all in a row."""
-    is_magnitude = part == "magnitude"
-    single = (
-        decibels(np.abs(response(parameters, omega))) if is_magnitude else phases(parameters, omega)
-    )
-    return single if len(single) == 1 else np.vstack([single, single.sum(axis=0)])
 
 
 def _sent(values: NDArray[np.float64]) -> list[float | None]:

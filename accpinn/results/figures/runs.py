@@ -83,7 +83,11 @@ class Axes:
             ]
             return {"points": points, "text": _range(values, text), "why": "\n".join(sentences)}
 
-        gap = cell(self.gaps, entry.time_gaps, "{:.2f}".format, lambda q: _gap(q, entry.speed))
+        def about_gap(gap: Quantity) -> str:
+            is_known = not isnan(gap.value)
+            return time_gap_in_words(gap, entry.speed) if is_known else "not determined"
+
+        gap = cell(self.gaps, entry.time_gaps, "{:.2f}".format, about_gap)
         growth = cell(self.growths, entry.growths, _times, _growth)
         row: dict[str, object] = {"gap": gap, "growth": growth, "when": when(entry.created, now)}
         return self._render(row)
@@ -108,10 +112,6 @@ def _times(value: float) -> str:
     if value == inf:
         return "∞"
     return f"{value:.2f}×" if value < FOLD else f"{value:.0f}×"
-
-
-def _gap(gap: Quantity, speed: MetresPerSecond) -> str:
-    return "not determined" if isnan(gap.value) else time_gap_in_words(gap, speed)
 
 
 def _growth(growth: Quantity) -> str:

@@ -86,9 +86,12 @@ def course(
     is_long = history.iteration.max(initial=0) >= LONG
     # A logarithmic axis has no zero, and some dozens are seen better on another one.
     at = np.maximum(history.iteration, 1.0 if is_long else 0.0)
+    low, high = float(at.min(initial=0.0)), max(float(at.max(initial=0.0)), 1.0)
+    rim = 0.02 * (high - low)
     if is_long:
-        chart.axis("x*", type="log", dtick=1)
-    chart.axis("x*", range=_along(at, is_long))
+        chart.axis("x*", type="log", dtick=1, range=[0.0, 1.02 * float(np.log10(high))])
+    else:
+        chart.axis("x*", range=[low - rim, high + rim])
     chart.axis(f"x{1 + len(names)}", "Iteration")
     marks = _loss(chart, history, at)
     for panel, name in enumerate(names, 2):
@@ -106,15 +109,6 @@ def course(
 
 Marks = list[tuple[int, FloatArray, str]]
 """Panel, values (K,) and colour of each line on which a moment is marked."""
-
-
-def _along(at: FloatArray, is_long: bool) -> list[float]:
-    """Limits of the axis of iterations."""
-    low, high = float(at.min(initial=0.0)), max(float(at.max(initial=0.0)), 1.0)
-    if is_long:
-        return [0.0, float(np.log10(high)) * 1.02]
-    rim = 0.02 * (high - low)
-    return [low - rim, high + rim]
 
 
 def _line(

@@ -410,7 +410,8 @@ class Fields:
         for place, (part, label) in zip(places[1:], labels.items(), strict=True):
 
             def say(text: str, part: str = part) -> None:
-                keep(replace(mode, **{part: _words(text)}))
+                words = tuple(word.strip() for word in text.split(",") if word.strip())
+                keep(replace(mode, **{part: words}))
 
             place.text_input(
                 label,
@@ -438,7 +439,3 @@ def _with(parts: Sequence[Any], k: int, **changes: Any) -> tuple[Any, ...]:
 def counts_frames(mapping: CsvMapping) -> bool:
     """Whether the time is a counter of frames."""
     return mapping.time is not None and mapping.time.unit == FRAME
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())

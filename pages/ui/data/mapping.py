@@ -58,13 +58,21 @@ def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | No
     reading = pending.reading(trajectory)
     recording = reading if isinstance(reading, Recording) else None
     mapping = pending.mapping
-    _show_header(pending, recording)
+    about = [f"**{escape_markdown(pending.file.content.name)}**"]
+    if recording:
+        about.append(f"{len(recording.present)} vehicles")
+        rate = 1 / recording.sample_time
+        about.append(f"{recording.duration:,.0f} s at {rate:.3g} Hz")
+    st.markdown(" · ".join(about))
     is_open = False
     if mapping:
         is_open = _ask(workspace, pending, mapping)
         _show_columns(workspace, pending, mapping)
     if recording:
-        _show_beginning(recording)
+        leader, *_ = recording.present
+        key = [(recording.label(k), vehicle_colour(k, leader)) for k in recording.present]
+        show.key(key, title="First minutes:")
+        show.chart(beginning(recording), "data_beginning")
         if mapping:
             show_cures(
                 recording, mapping, lambda new: read_by(workspace, new), "data_form", "primary"
@@ -104,25 +112,6 @@ def _choose_run(workspace: Workspace, pending: Pending) -> str | None:
         "data_trajectory", workspace, width=420,
         help="Pairs whose leader is another pair's follower at the same time are one run.",
     )  # fmt: skip
-
-
-def _show_header(pending: Pending, recording: Recording | None) -> None:
-    parts = [f"**{escape_markdown(pending.file.content.name)}**"]
-    if recording:
-        parts += [
-            f"{len(recording.present)} vehicles",
-            f"{recording.duration:,.0f} s at {1 / recording.sample_time:.3g} Hz",
-        ]
-    st.markdown(" · ".join(parts))
-
-
-def _show_beginning(recording: Recording) -> None:
-    leader, *_ = recording.present
-    show.key(
-        [(recording.label(k), vehicle_colour(k, leader)) for k in recording.present],
-        title="First minutes:",
-    )
-    show.chart(beginning(recording), "data_beginning")
 
 
 # Findings, and what cures them

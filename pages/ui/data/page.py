@@ -314,7 +314,11 @@ def _show_overview(
                 "Highlight", options, 0, "data_highlight", workspace, labelled=False, width=240,
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
-        _vehicle_key(recording, workspace, leader)
+        names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
+        show.key(
+            [(name, vehicle_colour(n, leader)) for n, name in names.items()],
+            faint=[name for n, name in names.items() if n not in (leader, *followers)],
+        )
         st.button(
             "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
             disabled=not workspace.steps, on_click=workspace.undo,
@@ -351,13 +355,6 @@ def _show_overview(
             show.key((), dotted="longest in car-following")
         with st.container(horizontal=True, vertical_alignment="center", width="content"):
             table_buttons(workspace, "data")
-
-
-def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
-    vehicles = workspace.selection.vehicles
-    names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
-    entries = [(name, vehicle_colour(n, leader)) for n, name in names.items()]
-    show.key(entries, faint=[name for n, name in names.items() if n not in vehicles])
 
 
 def _handles(

@@ -113,7 +113,18 @@ def show_page(workspace: Workspace) -> None:
             )
         choose(workspace, study=study)
     with st.container(horizontal=True, vertical_alignment="bottom", key="database_head"):
-        _choose_study(workspace, names, study)
+        titles = dict[str, str]()
+        for name in names:
+            owner = name.rpartition("/")[0][1:7]
+            whose = f" (of {owner})" if owner else " (by a link)" if "@" in name else ""
+            titles[name] = study_folders.title_of(name) + whose
+        select(
+            "Study", titles, study, "database_study",
+            lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
+            width=280,
+            help="The estimates from many recordings; your own come first, the one written to last"
+            " on top.",
+        )  # fmt: skip
         place = st.container(horizontal=True, vertical_alignment="bottom", width="content")
         _show_actions(workspace, study, is_first)
     show.attempt(lambda: _show_body(workspace, study, place))
@@ -143,17 +154,6 @@ def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
         _show_failures(on_disk.read_failures(folder), study)
 
 
-def _choose_study(workspace: Workspace, names: tuple[str, ...], study: str) -> None:
-    select(
-        "Study", {name: _label(name) for name in names}, study,
-        "database_study",
-        lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
-        width=280,
-        help="The estimates from many recordings; your own come first, the one written to last on"
-        " top.",
-    )  # fmt: skip
-
-
 def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
     """The way to a study of one's own, and the link to what is shown."""
     popover = st.popover(
@@ -170,13 +170,6 @@ def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
         shared = study_folders.link_to(workspace.id, study)
         parameters = _parameters(workspace) | {"study": (shared,)}
         show.address(f"Database?{urlencode(parameters, doseq=True)}")
-
-
-def _label(name: str) -> str:
-    """A study in the list of studies."""
-    owner = name.rpartition("/")[0][1:7]
-    whose = " (by a link)" if "@" in name else ""
-    return study_folders.title_of(name) + (f" (of {owner})" if owner else whose)
 
 
 def _show_study(
@@ -214,7 +207,7 @@ def _show_study(
         "Time gap over speed": lambda: _show_gaps(workspace, rows, selected),
         "α–β plane": lambda: _show_plane(workspace, rows, selected),
         "Numbers": lambda: _show_groups(workspace, selected, f"{study}_by_{by}"),
-        "Parameters": lambda: _show_parameters(selected),
+        "Parameters": lambda: show.table(results.group_parameters_table(selected.groups)),
         "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
         "All rows": lambda: _show_rows(workspace, rows, selected, study),
         "Failures": lambda: _show_failures(failures, study),
@@ -357,10 +350,6 @@ def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
         " whatever speed was driven.",
     )
     show.downloads(results.group_table(selected.groups), name, "database_groups")
-
-
-def _show_parameters(selected: ShownRows) -> None:
-    show.table(results.group_parameters_table(selected.groups))
 
 
 def _show_spread(selected: ShownRows, name: str) -> None:

@@ -171,7 +171,7 @@ def show_form(workspace: Workspace) -> None:
         if below:
             source_column.button(
                 "Take the server's folder instead", key="database_undrop", type="tertiary",
-                on_click=_undrop, args=(workspace,),
+                on_click=setattr, args=(workspace, "dropped", Dropped()),
             )  # fmt: skip
     else:
         source = select(
@@ -179,9 +179,12 @@ def show_form(workspace: Workspace) -> None:
             "database_source", workspace, place=source_column,
             help="A folder on the server; all CSV files in it and below.",
         )  # fmt: skip
+    taken = study_folders.listed_studies(workspace.id)
+    defaults = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(taken) + 3)))
+    free = next(name for name in defaults if name not in taken)
     name = name_column.text_input(
         "Name of the study", max_chars=60,
-        **kept(workspace, "database_name", _free_name(workspace)),
+        **kept(workspace, "database_name", free),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
     methods = st.multiselect(
@@ -214,7 +217,12 @@ def show_form(workspace: Workspace) -> None:
     if estimate and methods:
         duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
-    is_allowed = bool(name) and show.attempt(lambda: _named(workspace, name)) is not None
+
+    def folder() -> Path:
+        study_path(name)  # refuses another user's
+        return study_folders.path_of(workspace.id, name)
+
+    is_allowed = bool(name) and show.attempt(folder) is not None
     request = Request(
         sources=() if dropped else (str(root / source),),
         methods=tuple(methods),
@@ -244,22 +252,6 @@ def _show_drop_zone(workspace: Workspace) -> None:
         " server until its batch has ended, and are then removed; the study keeps figures alone.",
     )  # fmt: skip
     show.messages(workspace.dropped.refused, "warning")
-
-
-def _undrop(workspace: Workspace) -> None:
-    workspace.dropped = Dropped()
-
-
-def _named(workspace: Workspace, name: str) -> Path:
-    """The folder of a study of that name, as it is typed."""
-    study_path(name)  # refuses what names another's
-    return study_folders.path_of(workspace.id, name)
-
-
-def _free_name(workspace: Workspace) -> str:
-    taken = study_folders.listed_studies(workspace.id)
-    names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(taken) + 3)))
-    return next(name for name in names if name not in taken)
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:

@@ -105,9 +105,11 @@ def _show_rows(
                 named, drawn, *more = st.columns(widths, vertical_alignment="center")
                 with named.container(gap=None):
                     about = escape_markdown(_about(entry))
+                    icon = "inventory_2" if is_snapshot(entry) else "show_chart"
+                    icon = "error" if entry.fault else icon
                     st.button(
                         escape_markdown(title_of(entry)), key=f"{key}_open_{entry.id}",
-                        type="tertiary", icon=f":material/{_icon(entry)}:",
+                        type="tertiary", icon=f":material/{icon}:",
                         on_click=open_entry, args=(entry,),
                         help="\n\n".join(filter(None, (about, help))),
                     )  # fmt: skip
@@ -126,10 +128,6 @@ def _now() -> datetime:
         return datetime.now(ZoneInfo(st.context.timezone or "UTC"))
     except (ZoneInfoNotFoundError, ValueError, TypeError):
         return datetime.now(UTC)
-
-
-def _icon(entry: Entry) -> str:
-    return "error" if entry.fault else "inventory_2" if is_snapshot(entry) else "show_chart"
 
 
 def is_snapshot(entry: Entry) -> bool:
