@@ -167,7 +167,7 @@ NARROW = 2
 
 
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
-    """One row a group: typical time gap and parameters, and the share of stable vehicles.
+    """One row a group: typical time gap, parameters, and share of stable vehicles.
 
     A wide one shows every interval, and what a further window has; else it fits 100 characters.
     """

@@ -44,7 +44,7 @@ GRADED: Mapping[Question, Sequence[str]] = {
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
 }
-"""Label of each grade, from good to not known; it says what is counted, the mark how good it is."""
+"""Label of each rating by grade, from good to unknown."""
 MEANING: Mapping[Question, str] = {
     "complete": (
         "The share of instants at which every speed and gap was measured: not missing, not bridged,"
@@ -78,7 +78,7 @@ FIGURES: Mapping[Question, Column] = {
 
 @dataclass(frozen=True)
 class RatedWindow:
-    """A window that can be trained on, and what it is worth."""
+    """A window for training with its quality."""
 
     number: int
     """Its place among the windows, from 1."""
@@ -114,7 +114,7 @@ def figure_of(rating: Rating) -> str:
 
 
 def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
-    """One row a window: its length, what each check counts in it, and whether it is used."""
+    """One row a window: length, the quantity of each check, and whether it is used."""
     figures = list[Filled]()
     for place, column in enumerate(FIGURES.values()):
         factor = 100 if column.unit == "%" else 1

@@ -86,7 +86,7 @@ class PrintedVerdicts:
 
 @dataclass(frozen=True)
 class PrintedRun:
-    """A recording of the OpenACC database, and what the paper took of it."""
+    """A recording of the OpenACC database, with the paper's windows, vehicles and Case."""
 
     campaign: str
     file: str
@@ -94,7 +94,7 @@ class PrintedRun:
     vehicles: tuple[int, ...]
     case: Case = "II"
     preset: PresetName = QUICK
-    """The preset that finds what the paper prints, in seconds."""
+    """The preset that finds the printed parameters in seconds."""
 
     def __str__(self) -> str:
         """The recording, windows and vehicles in a line."""
@@ -118,7 +118,7 @@ class PrintedRun:
         return self.campaign, self.file
 
     def analysis(self, recording: Recording) -> Analysis:
-        """The question whose estimate stands beside what is printed."""
+        """The analysis whose estimate stands beside the printed values."""
         return Analysis.of(
             recording,
             self.windows,
@@ -169,7 +169,7 @@ class Comparison:
     learned: str = ""
     """From the recording."""
     deviation: str = ""
-    """Deviation of what is learned from what is printed, or recomputed where nothing is printed."""
+    """Deviation of the learned values from the printed or else the recomputed ones."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class PrintedItem:
         return rows_of(estimates[-1], count)
 
     def compared(self, learned: Parameters | None) -> Comparison:
-        """Its first rows beside what is learned for them: the ranges of α, β and τ."""
+        """The first rows beside their estimates: ranges of α, β and τ."""
         printed = self.verdicts[0]
         count = sum(2 * len(part.vehicles) for part in self.verdicts)
         agreeing = sum(part.agreeing for part in self.verdicts)
@@ -345,7 +345,7 @@ def compared_peaks(learned: Parameters | None) -> Comparison:
 
 
 def compared_panels(learned: Parameters | None) -> Comparison:
-    """The four panels: what the captions say, and the amplitude of the eighth follower in m/s.
+    """The four panels: printed verdicts, and the amplitude of the eighth follower in m/s.
 
     The AstaZero followers' learned parameters are (M,). The leader's amplitude is 1 m/s.
     """
@@ -370,7 +370,7 @@ def compared_panels(learned: Parameters | None) -> Comparison:
 
 
 def _largest_peak(vehicles: ParameterSet) -> tuple[float, RadiansPerSecond, str]:
-    """The largest Bode magnitude in dB, where it is, and whose."""
+    """The largest Bode magnitude in dB, its frequency and its vehicle."""
     rows = stability_report(vehicles.parameters).vehicles
     k = max(range(len(rows)), key=lambda k: rows[k].peak.gain)
     return rows[k].peak.db, rows[k].peak.omega, vehicles.labels[k]
@@ -470,7 +470,7 @@ def verification_table(verification: Verification) -> Table:
 
 
 def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
-    """A row a follower: what is printed, what follows from it, and what is learned here.
+    """One row a follower: printed, recomputed and learned values.
 
     Learned parameters are (M,), or one set for all rows. A row has a tick where each parameter lies
     within `TOLERANCE` of the printed one.

@@ -136,7 +136,7 @@ def _show_before(workspace: Workspace) -> None:
 
 
 def _show(workspace: Workspace, data: Segments, running: bool) -> None:
-    """The rows so far; what takes a choice or a while only comes once all have ended."""
+    """The rows so far; choices and longer computations come once all methods have ended."""
     task, rows = workspace.comparison, workspace.compared
     if running:
         if rows:

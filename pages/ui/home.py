@@ -26,7 +26,7 @@ from pages.ui.snapshots.listing import show_runs
 CARDS = 5
 """In a row."""
 IN_SIDEBAR = ("**Window**", "**Without**")
-"""How lines of the session's state begin that the sidebar alone says."""
+"""Beginnings of the lines of the session's state that only the sidebar shows."""
 
 
 def show_page(workspace: Workspace) -> None:

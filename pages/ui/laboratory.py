@@ -141,7 +141,7 @@ def platoon_names(source: AssessedVehicles) -> dict[int, str]:
 
 
 def _choose_platoon(workspace: Workspace, source: AssessedVehicles) -> int:
-    """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
+    """The index of the vehicle that is repeated, or `WHOLE`; by default the most amplifying one."""
     usual = most_amplifying(source)
     if len(source.vehicles) == 1:
         return usual

@@ -1,4 +1,4 @@
-"""The part of page Compare that asks which car-following model describes this car."""
+"""The part of page Compare that judges car-following models on each car."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ ABOUT = (
 
 
 def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
-    """The question, its work, and what is found of each follower; ``about`` names the data."""
+    """Start or watch the judgement and show it for each follower; ``about`` names the data."""
     task = workspace.judgement
     if workspace.recording is None:
         show_judged(workspace, workspace.judgements)
@@ -117,7 +117,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
 
 
 def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
-    """The model of each car, and what comes of it: cars of several results as one platoon."""
+    """Choose a model for each car and combine the cars of several results into one platoon."""
     chosen: dict[int, str] = {}
     with st.container(horizontal=True, vertical_alignment="bottom", key="models_cars_chosen"):
         for judgement in judged:

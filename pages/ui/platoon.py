@@ -73,7 +73,7 @@ LABELS = {
     "settle": ("Starts at [s]", 5.0, "When the disturbance begins."),
     "duration": ("Duration [s]", 50.0, "Of the whole run."),
 }
-"""Each setting's label, the step of its buttons, and what it is."""
+"""Label, step and explanation of each setting."""
 FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
 

@@ -42,7 +42,7 @@ from pages.ui.session.resources import SAMPLES
 from pages.ui.session.workspace import Workspace
 
 TABLES = {item: item.run for item in paper.ITEMS if item.run and item.verdicts}
-"""Tables I to III, and what each takes."""
+"""Tables I to III, with the run of each."""
 TABLE_III = [*TABLES][-1]
 """The paper's figures are drawn from its parameters."""
 CITATION = "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024."
@@ -51,7 +51,7 @@ SECONDS: Seconds = 1.5
 BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 250, 142, 56
 """Heights in pixels, with which figures and tables stand above the fold."""
 PRINTED_PARAMETERS = f"{paper.PRINTED}: {', '.join(q.symbol for q in PARAMETERS)}"
-"""Heading of what a table prints."""
+"""Heading of the printed parameters."""
 ROW_WIDTHS = (0.75, 1.1, 4.5)
 """Widths of a row's picture, name and cells."""
 _LETTER = re.compile(r"\b([a-d]) (?=[\d+−a-z])")
@@ -81,7 +81,7 @@ def show_page(workspace: Workspace) -> None:
 
 
 def _show_task(workspace: Workspace, verdict: str) -> None:
-    """The button that trains what all tables take, the verdict so far, and what is not at hand."""
+    """The button that trains for all tables, the state so far, and missing recordings."""
     task = workspace.reproduction
     parts, missing = _trainings(workspace)
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -131,7 +131,7 @@ def _trainings(workspace: Workspace) -> tuple[list[Part], dict[tuple[str, str], 
 
 
 def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analysis, Recording]]:
-    """The questions of a table, and the recording that they are asked of.
+    """The analyses of a table with their recording.
 
     Raises:
         RecordingError: where the file cannot be read, or is not the paper's.
@@ -143,7 +143,7 @@ def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analy
 def _nth(
     analyses: Callable[[], list[tuple[Analysis, Recording]]], k: int
 ) -> tuple[Analysis, Recording]:
-    """One question of several, which are not asked before its turn comes."""
+    """One analysis of several; the recording is read when its turn comes."""
     return analyses()[k]
 
 
@@ -173,7 +173,7 @@ def _tables(titles: list[str]) -> str:
 
 
 def _show_figures(learned: Parameters | None) -> None:
-    """Both Bode plots, with what the text says of them, and the four panels on one scale."""
+    """Both Bode plots with the text's values, and the four panels on one scale."""
     left, right = st.columns(2, gap="medium")
     with left:
         with st.container(horizontal=True, vertical_alignment="center"):
@@ -208,7 +208,7 @@ def _show_headings() -> None:
 
 
 def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
-    """An item: its picture and its name, and what is printed, recomputed, learned and between."""
+    """A row of an item: picture, name, printed, recomputed and learned values, deviation."""
     with st.container(key=f"paper_{_key(item)}"):
         thumbnail, name, cells = st.columns(ROW_WIDTHS, vertical_alignment="center")
         with thumbnail:
@@ -281,7 +281,7 @@ def _show_items(workspace: Workspace) -> None:
 
 
 def open_table(workspace: Workspace, run: paper.PrintedRun) -> None:
-    """Choose of the open recording what a table takes, and the preset that gives it."""
+    """Select a table's windows, vehicles and preset in the open recording."""
     if workspace.recording:
         workspace.choose_all(run.analysis(workspace.recording))
         workspace.choices.pop("train_tabs", None)  # the first has the table
@@ -363,7 +363,7 @@ def button(
     workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
     act: Callable[[], object] = lambda: None, **look: Any,
 ) -> None:  # fmt: skip
-    """A button that does something and turns to a page; refused, it says why."""
+    """A button that acts and turns to a page, or reports why it was refused."""
     picture = f":material/{icon}:" if icon else None
 
     def turn() -> None:
@@ -396,7 +396,7 @@ def _train_starts(workspace: Workspace, path: Path) -> None:
 
 
 def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
-    """The session's finished runs of what a table takes, by the paper's method, newest first."""
+    """The session's finished runs for a table by the paper's method, newest first."""
     windows = ", ".join(map(str, run.windows))
     return [
         entry

@@ -31,7 +31,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from accpinn.units import Seconds
 
 BROWSER = "accpinn_browser"
-"""Name of the cookie by which the server knows a browser again."""
+"""Name of the cookie by which the server recognises a browser."""
 COOKIE_KEPT: Seconds = 365 * 24 * 3600.0
 HEALTH, BEFORE_STREAM = "/_stcore/health", "/_stcore/host-config"
 """Ends of two paths: of what a monitor asks by any name, and of what a browser asks once, before it

@@ -86,7 +86,7 @@ def estimates(
     points: Sequence[Row], colour: str, recommended: Row | None = None,
     truth: Parameters | None = None, earlier: Sequence[Row] = (),
 ) -> go.Figure:  # fmt: skip
-    """A mark a method for τ, α and β of one follower, below a heading for each model.
+    """Estimates of τ, α and β of one follower by every method, grouped by model.
 
     Parameters of different models mean different things, as τ beside an s₀, so each is held against
     estimates of its own model alone. The recommended estimate is on top, with its intervals as bars

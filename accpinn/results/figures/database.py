@@ -32,7 +32,7 @@ from accpinn.units import FloatArray, Mask
 MOST_GROUPS = 24
 """Largest number of groups in a forest plot; those with most windows are drawn."""
 LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 130
-"""Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
+"""Heights in pixels: of a group, of one among many, of the margins, and of a plot."""
 FEW, MOST_TICKS = 10, 5
 WIDTHS = (0.46, 0.34, 0.2)
 """Shares of the panels of a forest plot."""
@@ -196,7 +196,7 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
 
 
 def plane(rows: pd.DataFrame) -> go.Figure:
-    """α and β of each row, by its string stability, and where that begins.
+    """α and β of each row with its string stability, and the stability boundaries.
 
     Where no vehicle has a lag or a delay, the axes are ατ² and βτ, in which one boundary of each
     criterion holds for all. A vehicle that has one has boundaries of its own, so with such a row

@@ -1,4 +1,4 @@
-"""The frequency laboratory: the responses, and what a browser needs to let cars follow them.
+"""The frequency laboratory: responses, and the data from which a browser draws the cars' waves.
 
 The browser marks a frequency on the curves and draws the steady motion of the cars itself, from
 each car's complex gain at all frequencies on offer: moving the frequency takes no server.
@@ -86,7 +86,7 @@ def response_curves(subject: AssessedVehicles, part: Part, height: int) -> go.Fi
 
 
 def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
-    """Draw what the paper's conditions ask of the curves.
+    """Draw the limits that the paper's conditions set to the curves.
 
     L₂ asks |H| ≤ 0 dB everywhere. L∞, D > 0, is a condition on one point: by
 

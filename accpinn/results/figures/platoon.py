@@ -97,7 +97,7 @@ def _shade(colour: str, share: float | None) -> str:
 
 
 def close_up(run: PlatoonRun) -> Span:
-    """The part worth a closer look.
+    """The part of a run for a close-up.
 
     The last periods of a sinusoid, or what follows another disturbance; where a vehicle collides,
     what goes before. With a recorded leader it is the whole run.

@@ -74,7 +74,7 @@ PANELS = 270
 BEGINNING: Seconds = 180.0
 """Time that a first look at a recording shows."""
 HIGHEST_TIME_GAP: Seconds = 5.0
-"""Larger ones mean free driving, and would flatten what matters."""
+"""Largest drawn time gap in s; larger ones mean free driving."""
 TOTAL_POINTS = 12_000
 """Largest number of points of all curves together: ten vehicles are drawn as fast as two."""
 ROW = 11
@@ -94,7 +94,7 @@ def overview(
     highlight: int = 0,
     several: Sequence[RatedWindow] = (),
 ) -> go.Figure:
-    """A whole recording over time, the window on it, and what each vehicle does.
+    """A whole recording over time with its window and each vehicle's motion.
 
     The chosen vehicles, leader first, are not faint; with the number of a follower to highlight,
     these are only that and the one ahead of it. Ribbons are strips of bars, from the top down (see

@@ -32,7 +32,7 @@ STYLE = STRIP_STYLE + (
 """The style of the rows, once on a page."""
 LARGEST_GAP: Seconds = 5.0
 LARGEST_GROWTH = 3.0
-"""Where the axes end at the latest; what lies beyond is drawn at their ends."""
+"""Largest ends of the axes; values beyond are drawn at the ends."""
 UNKNOWN = "–"
 
 

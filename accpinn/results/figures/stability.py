@@ -252,7 +252,7 @@ def criteria_by_vehicle(subject: AssessedVehicles) -> go.Figure:
 
 
 def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figure:
-    """Where the criteria's boundaries run in a plane of two parameters, and the vehicles on it.
+    """The boundaries of the criteria in a plane of two parameters, with the vehicles.
 
     The map keeps the third parameter, the lag and the delay of the vehicle of index ``held``, and
     says so. The uncertainty adds parameter sets consistent with the data; one with α = 0 has no
@@ -309,7 +309,7 @@ def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figu
 
 
 def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -> None:
-    """Write what is stable into the widest column of the region that is seen."""
+    """Write the name of the stable region into its widest visible column."""
     for limits, text in ((region.linf, "L∞ stable"), (region.l2, "L₂ stable")):
         seen = np.minimum(limits.upper, top) - limits.lower
         if np.nanmax(np.append(seen, 0.0)) > LEAST_SEEN * top:
@@ -456,7 +456,7 @@ def _draw_plain(
 def paper_bode(
     vehicles: ParameterSet, learned: Parameters | None = None, height: int = 230
 ) -> go.Figure:
-    """One of the paper's two Bode plots, by its Table III, and what its text says of it.
+    """One of the paper's two Bode plots by its Table III, with the values of its text.
 
     Learned parameters (M,) are dashed. A cross marks the text's largest amplitude, vertical lines
     the frequencies of the four panels. The height is in pixels.

@@ -118,7 +118,7 @@ def parts_of(figure: go.Figure) -> Part:
 
 
 def _copied(part: Any, leaf: Callable[[Any], Any] = lambda value: value) -> Any:
-    """Dictionaries and lists anew, and of all else what becomes of it."""
+    """Copy dictionaries and lists, and convert all other values."""
     if isinstance(part, dict):
         return {name: _copied(value, leaf) for name, value in part.items()}
     return [_copied(value, leaf) for value in part] if isinstance(part, list) else leaf(part)
@@ -136,7 +136,7 @@ def _packed(part: Any) -> Any:
 
 @lru_cache(maxsize=4)
 def _template(name: str) -> Part:
-    """One of plotly's templates as it is sent."""
+    """One of plotly's templates as JSON."""
     return dict(templates[name].to_plotly_json())
 
 
@@ -237,7 +237,7 @@ class Chart:
         self._across(axis, at, at, {"type": "line", "line": line, "layer": layer})
 
     def area(self, axis: str, low: float, high: float, colour: str) -> None:
-        """Shade what lies between two values of an axis, beneath all else."""
+        """Shade the area between two values of an axis, beneath all else."""
         look = {"type": "rect", "fillcolor": colour, "line": {"width": 0}, "layer": "below"}
         self._across(axis, low, high, look)
 
@@ -329,7 +329,7 @@ def _grid(**options: Any) -> Mapping[str, Part]:
 
 
 def limits(values: FloatArray) -> list[float]:
-    """Axis limits around what is finite, with 8 % of its range as margin; else empty."""
+    """Axis limits around the finite values with a margin of 8 % of their range; else empty."""
     values = values[np.isfinite(values)]
     if not len(values):
         return []

@@ -54,7 +54,7 @@ _ICONS = {
 """All pages, in the order of the links to them."""
 
 SIDEBAR = 230
-"""Width in pixels: what stands there must not take room from tables."""
+"""Width of the sidebar in pixels, which leaves tables their room."""
 
 NAMED = 3
 """Windows that are named one by one."""
@@ -65,7 +65,7 @@ CHARTED = ("Stability", "Platoon", "Database", "Reproduce")
 FAILED = "The program failed {}; what was open stays open."
 STOPPED = "An administrator of this server ended it; what it found is kept."
 PAGE = "frame_page"
-"""The entry with the title of the page drawn last: a click's outcome is said on its own page."""
+"""Entry with the title of the last drawn page, so that an outcome is reported on its own page."""
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
@@ -90,7 +90,7 @@ _LEFT_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",
 
 
 def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
-    """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    """Draw a page; a fault of the program becomes one sentence and a way back."""
     if st.session_state.get(PAGE) != title:
         show.forget_flash()
     st.session_state.update({PAGE: title, show.IS_FLASHED: False})
@@ -187,7 +187,7 @@ def _show_left(workspace: Workspace) -> None:
 def _left_row(
     task: Task[Any], key: str, show_it: Callable[[], None], forget: Callable[[], None] | None = None
 ) -> None:
-    """One training: where it stands, and what can be done with it."""
+    """A training's progress with buttons to show, stop or dismiss it."""
     icon = _LEFT_ICONS.get(task.status, "history")
     place = f" in another session {_STATUS[task.status]}{{left}}" if forget is None else (
         f" {_LEFT[task.status]}"
@@ -213,14 +213,14 @@ def _left_row(
 
 
 def about_analysis(analysis: Analysis | None) -> str:
-    """File and windows of what a training answers."""
+    """File and windows of a training."""
     return (
         f"{analysis.source.name}, {in_words(analysis.window, analysis.windows)}" if analysis else ""
     )
 
 
 def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:
-    """Calls a widget's callback; the page says why it was refused, or that the program failed.
+    """Wrap a widget's callback so that the page reports a refusal, or a fault of the program.
 
     Streamlit would draw nothing of the page, and calls callbacks before any script runs.
     """

@@ -1,4 +1,4 @@
-"""A task as it runs: one fragment polls it, shows where it stands, and draws what is known."""
+"""A running task: one fragment polls it, shows its progress, and draws interim results."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +26,7 @@ def monitor(
     describe: Callable[[Any], str] | None = None,
     is_stale: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Show where a task stands, and below it what is known, again and again while it is active.
+    """Show a task's progress and below it interim results, repeatedly while it is active.
 
     When it begins and ends, and when the page ``is_stale``, the whole page is drawn anew. The
     argument of ``draw`` is whether the task is polled: fragments that poll must not be nested, so
@@ -49,7 +49,7 @@ def monitor(
 
 
 def stop_button(task: Task[Any], label: str, key: str) -> None:
-    """The button that stops a task, whose results so far are kept."""
+    """A button that stops a task; its results so far are kept."""
     st.button(
         label, icon=":material/stop:", key=key, disabled=task.is_stopping,
         on_click=task.stop,

@@ -50,7 +50,7 @@ class Fields:
         return self.pending.file.names
 
     def has(self, name: str) -> bool:
-        """Whether the mapping has what the field sets."""
+        """Whether the mapping has a value for the field."""
         what, _, at = name.rpartition("_")
         if at.isdigit():
             parts = self.mapping.gaps if what in ("gap", "length") else self.mapping.speeds
@@ -84,7 +84,7 @@ class Fields:
         self.change(lambda m: replace(m, gaps=_with(m.gaps, k, **changes)))
 
     def edit_by(self, **changes: Any) -> None:
-        """Change what tells vehicles apart."""
+        """Change the columns that identify vehicles."""
         self.change(lambda m: replace(m, by=replace(m.by or ByVehicle(CHOOSE), **changes)))
 
     def column(
@@ -369,7 +369,7 @@ class Fields:
         )  # fmt: skip
 
     def by_vehicle(self, places: Sequence[Any]) -> None:
-        """The columns that tell vehicles apart."""
+        """The columns that identify vehicles."""
         by = self.mapping.by or ByVehicle(CHOOSE)
         fields = (
             ("vehicle", "Vehicle", by.vehicle, "choose…"),
@@ -385,7 +385,7 @@ class Fields:
             self.column(label, f"by_{part}", value, choose, place, none)
 
     def mode(self, vehicle: int, places: Sequence[Any]) -> None:
-        """The column that says who drives a vehicle, and its words."""
+        """The column with a vehicle's driver, and its words for ACC and human."""
         mode = next((mode for mode in self.mapping.modes if mode.vehicle == vehicle), None)
 
         def keep(new: ModeColumn | None) -> None:

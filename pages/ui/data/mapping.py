@@ -47,7 +47,7 @@ CHANGING = "data_map_changing"
 
 
 def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | None], None]) -> None:
-    """How the pending table is understood, what is open, and the button that opens it.
+    """Show how the pending table is read, the open questions, and the button that opens it.
 
     Args:
         workspace: the session.
@@ -236,7 +236,7 @@ def _remarks(mapping: CsvMapping) -> dict[str, list[str]]:
 
 
 def _colour(mapping: CsvMapping, column: str) -> str:
-    """That of the vehicle whose speed or gap the column holds."""
+    """Colour of the vehicle whose speed or gap the column holds."""
     for k, speed in enumerate(mapping.speeds, 1):
         if column == speed.column:
             return vehicle_colour(k, 1)

@@ -1,4 +1,4 @@
-"""The page Data: the recording over time, the window and vehicles to use, and what they are worth.
+"""The page Data: the recording over time, the choice of window and vehicles, and their quality.
 
 The parts below the timeline are in `pages.ui.data.views`.
 """
@@ -263,7 +263,7 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 
 def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
-    """The window that tells most, why, and the button that takes it."""
+    """The most informative window, the reasons, and the button that takes it."""
     suggestion = suggest_window(recording, workspace.selection.vehicles, information)
     if suggestion is None:
         st.button(
@@ -448,7 +448,7 @@ def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> No
 
 
 def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
-    """The way to the result; it says which training this begins, and how long that takes."""
+    """The button that starts a training, with its windows, preset and expected time."""
     segment, parts, analysis = workspace.segment, [TITLE_OF[workspace.preset]], None
     windows = workspace.windows
     which = f"{len(windows)} windows" if len(windows) > 1 else "this window"

@@ -93,7 +93,7 @@ def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
 def open_table(
     workspace: Workspace, file: File, mapping: CsvMapping | None, reading: Recording | AccpinnError
 ) -> None:
-    """Open what was read of a table, and keep the mapping for its columns if nothing contradicts.
+    """Open the recording of a table, and keep its mapping where no data contradict it.
 
     Raises:
         AccpinnError: in place of a recording.

@@ -84,7 +84,7 @@ def show_changes(workspace: Workspace) -> None:
 
 
 def show_about(recording: Recording) -> None:
-    """The vehicles of the recording, and what is wrong with its data."""
+    """The vehicles of the recording, and the faults of its data."""
     table = tables.recording_table(recording)
     show.table(table)
     st.caption(

@@ -1,4 +1,4 @@
-"""The page Database: parameters of many vehicles by make, model and setting, and how sure they are.
+"""The page Database: parameters of many vehicles by make, model and setting, with intervals.
 
 A study is the folder of one batch of estimations on the server. The batch that fills it is in
 `pages.ui.database.running`. What is read and grouped is kept as long as the study does not change.
@@ -73,7 +73,7 @@ State = tuple[int, ...]
 
 @dataclass(frozen=True, eq=False)
 class ShownRows:
-    """The rows that are chosen, and what they say."""
+    """The chosen rows of a study, grouped, with their picture."""
 
     rows: pd.DataFrame
     """Rows of one method; the index is the place among all rows of the study."""
@@ -138,7 +138,7 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 
 def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
-    """A study's batch and rows; what is chosen of them stands in ``place``."""
+    """A study's batch and rows; their filters stand in ``place``."""
     folder = study_folders.path_of(workspace.id, study)
     state = on_disk.state_of(folder)
     running.show_batch(workspace, study, on_disk.read_request(folder) if state else None)
@@ -155,7 +155,7 @@ def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
 
 
 def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
-    """The way to a study of one's own, and the link to what is shown."""
+    """The button for a study of one's own, and the link to the shown rows."""
     popover = st.popover(
         "Start your own" if is_first else "New study", icon=":material/playlist_add:",
         key="database_new", type="primary" if is_first else "secondary", on_change="rerun",
@@ -266,7 +266,7 @@ def _show_key(selected: ShownRows) -> None:
 
 @st.cache_resource(max_entries=4, show_spinner="Reading the study …")
 def study_rows(folder: str, state: State) -> pd.DataFrame:
-    """All rows of a study in one state; empty cells of texts say so.
+    """All rows of a study in one state, with empty texts replaced.
 
     Raises:
         RecordingError: where there is no study.
@@ -282,7 +282,7 @@ def shown(
     folder: str, state: State, filters: tuple[tuple[str, tuple[str, ...]], ...], method: str,
     by: str,
 ) -> ShownRows:  # fmt: skip
-    """The rows of a study that are chosen, and what they say."""
+    """The chosen rows of a study, grouped, with their picture."""
     rows = study_rows(folder, state)
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
@@ -297,7 +297,7 @@ def shown(
 
 
 def _follow_link(workspace: Workspace) -> None:
-    """Take over what the address asks for, unless this browser was given that address here."""
+    """Apply the query parameters, unless this page has written them itself."""
     parameters = _asked()
     if parameters and parameters != st.session_state.get(WRITTEN):
         single = {name: (parameters.get(name) or ("",))[0] for name in ("study", "method", "by")}
@@ -306,7 +306,7 @@ def _follow_link(workspace: Workspace) -> None:
 
 
 def _write_link(workspace: Workspace) -> None:
-    """Let the address say what is shown, so that a reload and a bookmark find it again."""
+    """Write the choices into the address, so that a reload and a bookmark find them again."""
     wanted, address = _parameters(workspace), st.query_params
     if wanted != _asked():
         others = {name: tuple(address.get_all(name)) for name in address}
@@ -315,7 +315,7 @@ def _write_link(workspace: Workspace) -> None:
 
 
 def _parameters(workspace: Workspace) -> dict[str, tuple[str, ...]]:
-    """The query parameters of what is shown, with all values of each."""
+    """The query parameters of the present choices, with all values of each."""
     chosen = {name: workspace.choices.get(f"database_{name}") for name in ADDRESSED}
     return {
         name: (value,) if isinstance(value, str) else value

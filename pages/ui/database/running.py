@@ -74,7 +74,7 @@ def _start(workspace: Workspace, study: str, request: Request) -> None:
 
 
 def show_batch(workspace: Workspace, study: str, request: Request | None) -> None:
-    """The study's batch: how far it is, or how it ended, and what can be done about it."""
+    """The progress or outcome of the study's batch, with buttons to stop or continue it."""
     task, is_own = _task(workspace, study), study_folders.is_changed_by(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")

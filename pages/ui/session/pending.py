@@ -1,4 +1,4 @@
-"""A table that is to be opened, once it is known what its columns hold and which run is meant."""
+"""A table that waits for the meaning of its columns or the choice of a run."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -69,7 +69,7 @@ class Pending:
 
 
 def to_complete(proposal: Proposal) -> CsvMapping:
-    """The proposed mapping without numbers that only a person knows."""
+    """The proposed mapping without the numbers that a person has to enter."""
     mapping = proposal.mapping
     if proposal.is_supported:
         return mapping

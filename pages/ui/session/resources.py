@@ -41,7 +41,7 @@ TASK_VARIABLE, BATCH_VARIABLE = "ACCPINN_TASK_MINUTES", "ACCPINN_BATCH_MINUTES"
 batch, in minutes; "inf" for none."""
 TASK_LIMIT: Seconds = 3600.0
 BATCH_LIMIT: Seconds = 12 * 3600.0
-"""Those of a server that others use, where the variables say nothing."""
+"""Limits of a server that others use, where the variables are not set."""
 SAMPLES = shipped("sample_data")
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
@@ -117,7 +117,7 @@ def queue_of(task: Task[Any]) -> TaskQueue:
 
 
 def limit_of(variable: str, limit: Seconds) -> Seconds | None:
-    """How long a task may run: as the environment says in minutes.
+    """The longest time of a task in s, from an environment variable in minutes.
 
     Without it, it is ``limit`` on a server that others use, and none on one's own computer; and
     ``limit`` for what is no number of minutes, which the log has.
@@ -137,7 +137,7 @@ def limit_of(variable: str, limit: Seconds) -> Seconds | None:
 
 
 def stop_file() -> Path:
-    """The file whose change ends all tasks submitted before it: `touch` it."""
+    """The file that ends all tasks submitted before its last change."""
     return folder("cache") / "stop"
 
 
@@ -210,7 +210,7 @@ def misnamed() -> list[str]:
 
 
 def _tables(root: Path) -> list[Path]:
-    """The files below a folder whose names end as those of tables."""
+    """The files of tables below a folder, by the ends of their names."""
     return [path for path in sorted(root.rglob("*")) if path.suffix.lower() in ENDINGS]
 
 
@@ -231,7 +231,7 @@ def truth_of(recording: Recording) -> Truth | None:
 def whole_drive(
     recording: Recording, vehicles: tuple[int, ...]
 ) -> tuple[Segment, Regimes, Information]:
-    """All of a recording, holes included: its data, its regimes, and what its windows tell."""
+    """Data, regimes and information content of a whole recording, also with missing samples."""
     whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
     regimes = label_regimes(whole, recording)
     return whole, regimes, Information.of(whole, regimes)

@@ -52,7 +52,7 @@ def show_entries(
     help: str | None = None,
     title: str = "",
 ) -> None:
-    """A row each, with time gaps and growths on common axes, and a field to search where many are.
+    """A row for each entry with time gaps and growths on common axes, and a search field.
 
     A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry. A
     long list shows few rows until all are asked for.
@@ -146,7 +146,7 @@ def title_of(saved: Entry | Result) -> str:
 
 
 def _about(entry: Entry) -> str:
-    """Its data and method, as far as its title does not say them."""
+    """Data and method of an entry, as far as its title does not name them."""
     if entry.fault:
         return "cannot be read"
     windows, cars = entry.window.split(", "), entry.vehicles[1:]
@@ -174,7 +174,7 @@ def choose_entry(
 
 
 def show_both(workspace: Workspace, first: Result, second: Result) -> None:
-    """Estimates with intervals, Bode magnitudes, and what differs in settings and data."""
+    """Compare two results: estimates with intervals, Bode magnitudes, settings and data."""
     if changes := what_differs(first, second):
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
@@ -309,7 +309,7 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
 
 
 def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: str = "") -> None:
-    """The list, whose rows show a result again, and two of them beside each other."""
+    """The list of runs; a click shows a result again, and two can stand side by side."""
 
     def restore(entry: Entry) -> None:
         restore_run(workspace, entry.id)
