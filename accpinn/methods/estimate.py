@@ -228,10 +228,10 @@ class Progress:
     """One moment of a running estimation, handed to whoever watches."""
 
     phase: str
-    """What runs: "start", "Adam", "L-BFGS", ..."""
+    """Phase that runs: "start", "Adam", "L-BFGS", ..."""
     iteration: int
     iterations: int
-    """How many are expected until the end of the phase, at most those planned."""
+    """Number expected until the end of the phase, at most those planned."""
     seconds: Seconds
     """Since the estimation began, without pauses."""
     total: float
@@ -275,7 +275,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class History(_Part):
-    """How loss and parameters moved; K kept entries, oldest first."""
+    """Course of loss and parameters in a training: K stored entries, oldest first."""
 
     iteration: FloatArray
     """(K,)"""
@@ -333,7 +333,7 @@ class Span(Quantity):
     def of(
         cls, value: FloatArray, draws: tuple[FloatArray, FloatArray] | None, level: float
     ) -> Self:
-        """From the value (), draws (n,) of the typical one and draws (n,) in a further window.
+        """Intervals of a value () by draws (n,) of the typical one and (n,) in a further window.
 
         Without draws all ends are nan.
         """
@@ -676,7 +676,7 @@ class Recorder:
         self._sets = len(progress.parameters)
 
     def __len__(self) -> int:
-        """How many moments are stored."""
+        """Number of stored moments."""
         return len(self._rows)
 
     def history(self) -> History:
@@ -696,10 +696,10 @@ class Recorder:
         return History(**named, parameters=Parameters.of(tables))
 
     def state(self) -> Checkpoint:
-        """For a checkpoint of a training whose parameters have no deviations."""
+        """The moments as arrays of a checkpoint; without deviations, which no such training has."""
         return {"history.rows": np.array(self._rows), "history.sets": np.array(self._sets)}
 
     def restore(self, state: Checkpoint) -> None:
-        """From a checkpoint."""
+        """Take the moments from the arrays of a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
         self._sets = int(state["history.sets"])

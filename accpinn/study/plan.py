@@ -93,7 +93,13 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
     A follower whose gap contradicts the speeds there has none.
     """
     planned: list[PlannedWindow] = []
-    for chain in _short_chains(recording):
+    # Chains with no more followers than a segment may have; the last of one leads the next.
+    short_chains = (
+        chain[first : first + MAX_FOLLOWERS + 1]
+        for chain in chains(recording)
+        for first in range(0, len(chain) - 1, MAX_FOLLOWERS)
+    )
+    for chain in short_chains:
         allowed = np.column_stack([_sound(recording, number, longest) for number in chain[1:]])
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
         planned += [_planned(recording, chain, window) for window in together]
@@ -167,13 +173,6 @@ def car_following(
             " --duration."
         )
     return tuple(windows)
-
-
-def _short_chains(recording: Recording) -> Iterator[tuple[int, ...]]:
-    """Chains with no more followers than a segment may have; the last of one leads the next."""
-    for chain in chains(recording):
-        for first in range(0, len(chain) - 1, MAX_FOLLOWERS):
-            yield chain[first : first + MAX_FOLLOWERS + 1]
 
 
 def qualifies(recording: Recording, number: int) -> Mask:

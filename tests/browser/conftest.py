@@ -108,6 +108,7 @@ def opened(app: App, browser: Browser, tabs: list[tuple[Page, list[str]]]) -> It
             page.goto("/_stcore/health")  # ends the session
             page.evaluate("localStorage.clear(); sessionStorage.clear()")
             page.context.clear_cookies()
+            page.emulate_media(color_scheme="light")
         except Error:  # the next journey gets another one
             tabs.remove(tab)
         faults.clear()
