@@ -5,18 +5,17 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 from hypothesis import settings
 
-from accpinn.methods.registry import METHODS, VARIANTS
-from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
 from accpinn.storage import FolderName, variable
 from accpinn.study.store import Store
 from tests.support import draws
+from tests.support.registries import restored
 
 # The same examples on every run, and no time limit an example: machines and their load differ.
 settings.register_profile("house", derandomize=True, deadline=None)
@@ -79,10 +78,10 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> I
     import streamlit as st  # takes a second, which most tests need not wait
 
     from pages.ui.session import resources as server
-    from pages.ui.session import sessions
+    from pages.ui.session import users
 
     # A page's test has no connection; it stands for the person at this computer.
-    monkeypatch.setattr(sessions, "connection_headers", lambda: {"Host": "localhost:8501"})
+    monkeypatch.setattr(users, "connection_headers", lambda: {"Host": "localhost:8501"})
     # A page takes the place of the main module, which new processes would run.
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     monkeypatch.chdir(Path(__file__).parent.parent)
@@ -114,9 +113,5 @@ def all_draws() -> Iterator[None]:
 @pytest.fixture
 def registries() -> Iterator[None]:
     """What a test registers, models and methods, is forgotten behind it."""
-    registered: tuple[dict[str, Any], ...] = (METHODS, VARIANTS, FOLLOWING, TITLES)
-    kept = [dict(registry) for registry in registered]
-    yield
-    for registry, before in zip(registered, kept, strict=True):
-        registry.clear()
-        registry.update(before)
+    with restored():
+        yield

@@ -7,12 +7,14 @@ they show the same.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isnan, nan
+from typing import Self
 
 import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws
+from accpinn.inference.intervals import LEVEL, Interval, Uncertainty, from_draws
 from accpinn.inference.intervals import growth as growth_band
 from accpinn.inference.measured_growth import Growth, different, growth_along
 from accpinn.model.cthp import Case, Parameters
@@ -20,14 +22,27 @@ from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
+from accpinn.stability import (
+    Assessment,
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+    assessment,
+    stability_report,
+)
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.margin import Margins, NormMargin, l2_margins, margins
 from accpinn.stability.modes import Modes, modes
 from accpinn.stability.waves import Waves, waves
 from accpinn.study.result import Result
-from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
+from accpinn.units import (
+    FloatArray,
+    MetresPerSecond,
+    Quantity,
+    RadiansPerSecond,
+    interval_ends,
+)
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -44,6 +59,51 @@ class PeakGrowth:
     model: float
     """The model's largest gain."""
     is_measured: bool
+
+
+@dataclass(frozen=True)
+class NormAssessment:
+    """The string stability of one vehicle by one norm."""
+
+    assessment: Assessment
+    """By the share of posterior samples that are stable, or by the parameters alone."""
+    probability: float | None
+    """That share; None for a point."""
+    gain: Quantity
+    """max |H| by L₂ and ‖h‖₁ by L∞: 1 where nothing is amplified, infinite where a disturbance
+    grows without limit; all nan where it is not determined."""
+
+    @classmethod
+    def of(
+        cls,
+        verdict: Verdict | None,
+        gain: float,
+        place: int,
+        shares: FloatArray | None = None,
+        ends: Interval | None = None,
+    ) -> Self:
+        """From the verdict and gain of the vehicle in a place, and what samples (M,) say of all.
+
+        The verdict is None where the parameters allow none.
+        """
+        share = None if shares is None else float(shares[place])
+        if verdict is None or (share is not None and isnan(share)):
+            return cls("not determined", share, Quantity(nan, nan, nan))
+        if share is None or ends is None:
+            return cls("stable" if verdict.stable else "unstable", None, Quantity(gain, nan, nan))
+        lower, upper = float(ends.lower[place]), float(ends.upper[place])
+        return cls(assessment(share), share, Quantity(gain, lower, upper))
+
+
+@dataclass(frozen=True)
+class AssessedVehicle:
+    """The string stability of one vehicle, with intervals where it has a posterior."""
+
+    stability: VehicleStability | None
+    """That of the parameters; None where they allow none."""
+    l2: NormAssessment
+    linf: NormAssessment
+    """By the exact criterion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +144,28 @@ class AssessedVehicles:
             return False
 
     @cached_property
-    def assessed(self) -> tuple[Assessment, ...]:
-        """(M,) the verdict on each by its posterior where it is known."""
-        if not self.has_report:
-            return tuple("not determined" for _ in self.vehicles.labels)
-        if self.uncertainty:
-            return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
-        return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
+    def assessed(self) -> tuple[AssessedVehicle, ...]:
+        """(M,) the string stability of each, also where the parameters of others allow none."""
+        if self.has_report:
+            return tuple(map(self._assessed, range(len(self.vehicles)), self.report.vehicles))
+        found = (_stability_of(parameters) for parameters in self.vehicles.parameters)
+        return tuple(map(self._assessed, range(len(self.vehicles)), found))
+
+    def _assessed(self, place: int, stability: VehicleStability | None) -> AssessedVehicle:
+        drawn = self.uncertainty
+        if stability is None:
+            shares = (drawn.probability_l2, drawn.probability_linf) if drawn else (None, None)
+            nothing = [NormAssessment.of(None, nan, place, share) for share in shares]
+            return AssessedVehicle(None, *nothing)
+        l2 = (stability.l2, stability.peak.gain, place)
+        linf = (stability.linf_exact, stability.linf_gain, place)
+        if drawn is None:
+            return AssessedVehicle(stability, NormAssessment.of(*l2), NormAssessment.of(*linf))
+        return AssessedVehicle(
+            stability,
+            NormAssessment.of(*l2, drawn.probability_l2, drawn.peak_gain),
+            NormAssessment.of(*linf, drawn.probability_linf, drawn.linf_gain),
+        )
 
     @cached_property
     def margins(self) -> Margins:
@@ -109,6 +184,15 @@ class AssessedVehicles:
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
+
+    def time_gap(self, place: int, speed: MetresPerSecond) -> Quantity:
+        """The time gap in s of one vehicle (0 for the first), linearised, at a speed."""
+        value = float(self.vehicles.parameters[place].time_gap(speed))
+        if self.uncertainty is None:
+            return Quantity(value, nan, nan)
+        drawn = self.uncertainty.draws[:, place].time_gap(speed)
+        lower, upper = interval_ends(drawn, self.uncertainty.level)
+        return Quantity(value, float(lower), float(upper))
 
     @cached_property
     def waves(self) -> Waves | None:
@@ -183,31 +267,35 @@ class AssessedVehicles:
         ]
         return growth_along(gains, self.vehicles.parameters[[*order]])
 
-    def peak_growth(self, order: Sequence[int]) -> PeakGrowth:
-        """The largest growth along a platoon: measured, or the model's with its interval."""
-        peaks = head_to_tail_peaks(self.vehicles.parameters[[*order]])
-        model, omega = float(peaks.gain[-1]), float(peaks.omega[-1])
-        growth = self.measured_growth(order)
-        if growth and growth.is_peak_measured:
-            return PeakGrowth(growth.peak, growth.peak_omega, model, True)
-        gain = Quantity(model, np.nan, np.nan)
-        if known := self.uncertainty:
-            spread = known.peak_gain
-            ends = growth_band(known, tuple(order)) if len(order) > 1 else (
-                float(spread.lower[order[0]]), float(spread.upper[order[0]])
-            )  # fmt: skip
-            gain = Quantity(model, *ends)
-        return PeakGrowth(gain, omega, model, False)
-
     @cached_property
     def growths(self) -> tuple[PeakGrowth, ...]:
         """(M,) the largest growth behind each vehicle alone."""
-        return tuple(self.peak_growth([k]) for k in range(len(self.vehicles)))
+        peaks = [v.stability.peak.omega if v.stability else 0.0 for v in self.assessed]
+        return tuple(
+            self._peak_growth([k], vehicle.l2.gain, omega)
+            for k, (vehicle, omega) in enumerate(zip(self.assessed, peaks, strict=True))
+        )
 
     @cached_property
     def platoon_growth(self) -> PeakGrowth:
-        """The largest growth from the leader to the last of all vehicles."""
-        return self.peak_growth(range(len(self.vehicles)))
+        """The largest growth from the leader to the last of all vehicles.
+
+        Raises:
+            ParameterError: where the parameters of one allow none.
+        """
+        order, known = tuple(range(len(self.vehicles))), self.uncertainty
+        peak = self.report.platoon.peaks[-1]
+        ends = growth_band(known, order) if known else (nan, nan)
+        return self._peak_growth(order, Quantity(peak.gain, *ends), peak.omega)
+
+    def _peak_growth(
+        self, order: Sequence[int], model: Quantity, omega: RadiansPerSecond
+    ) -> PeakGrowth:
+        """The measured largest growth along some vehicles, or that of their models."""
+        growth = self.measured_growth(order)
+        if growth and growth.is_peak_measured:
+            return PeakGrowth(growth.peak, growth.peak_omega, model.value, True)
+        return PeakGrowth(model, omega, model.value, False)
 
     @cached_property
     def platoon_difference(self) -> float:
@@ -243,6 +331,14 @@ class AssessedVehicles:
                     every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
             known = from_draws(there.parameters, Parameters.of(every), known.level)
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
+
+
+def _stability_of(parameters: Parameters) -> VehicleStability | None:
+    """The string stability of one vehicle; None where its parameters allow none."""
+    try:
+        return stability_report(parameters).vehicles[0]
+    except ParameterError:
+        return None
 
 
 def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:

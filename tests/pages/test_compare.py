@@ -10,25 +10,25 @@ from accpinn import Result
 from accpinn.errors import SegmentError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.registry import COMPARED, variant_of
-from accpinn.recordings import Window, files
+from accpinn.recordings import Window
 from accpinn.results.messages.summary import agreement, best_models
 from accpinn.results.tables.estimates import compared_table
 from accpinn.study.comparison import Refused, compare
 from accpinn.tasks import Status, Task
 from pages.ui.components.parameter_picker import cars_of, of_several
 from pages.ui.session.resources import store, task_queue
-from pages.ui.session.workspace import KEPT_EARLIER, Workspace
+from pages.ui.session.workspace import MOST_EARLIER, Workspace
 from tests.support.apptest import (
     MINUTE,
     WAIT,
     Page,
     open_page,
+    sample_recording,
     stop_tasks,
     train_at_once,
     with_pair,
     with_sample,
 )
-from tests.support.command import PLATOON
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -215,12 +215,12 @@ def test_earlier_estimates_are_bounded_and_shown_without_a_comparison(session: W
     said = open_page("Compare", session).plain()
     assert "Kept from earlier in this session: 1 estimate." in said
     assert "PiNN (paper preset, own options, stopped), " in said
-    for seed in range(KEPT_EARLIER + 3):
+    for seed in range(MOST_EARLIER + 3):
         session.settings["paper"] = {"seed": seed}
         session._record([replace(result, analysis=session.analysis())])
-    assert len(session.earlier) == KEPT_EARLIER
-    session.open(files.read(PLATOON))
-    assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
+    assert len(session.earlier) == MOST_EARLIER
+    session.open(sample_recording())
+    assert len(session.earlier) == MOST_EARLIER, "an early step does not drop them"
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(session: Workspace) -> None:

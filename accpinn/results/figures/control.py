@@ -1,4 +1,4 @@
-"""What control engineers ask of vehicles, as figures: poles, responses, margins, large waves."""
+"""Figures of control engineering: poles, responses, margins, large waves."""
 
 import html
 from collections.abc import Sequence
@@ -11,18 +11,20 @@ from accpinn.channels import TIME
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import (
+    AXIS_OF_FREQUENCY,
     CLOUD,
     DOT_OPACITY,
     L2_UNSTABLE,
     LIMIT,
     MAKE_END,
+    TICKS,
     WHOLE_NAME,
     colours,
 )
 from accpinn.stability.modes import dominant_poles, responses
 from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import AssessedVehicles
-from accpinn.units import Quantity, Seconds
+from accpinn.units import FloatArray, Quantity, Seconds
 
 HEIGHT = 320
 """Height of poles and responses, in pixels."""
@@ -38,6 +40,11 @@ MOST_STEP = 1e3
 """Largest step response that is drawn."""
 RESPONSE: tuple[Seconds, Seconds] = (10.0, 90.0)
 """Least and greatest length of the responses in sight."""
+
+DIRECTIONS = "braking", "accelerating"
+"""Of waves, as they are called."""
+MOST_GROWTH = 5.0
+"""Largest growth of a wave that is in sight."""
 
 
 def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
@@ -74,9 +81,9 @@ def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
             chart.dots(
                 at.real.round(5), at.imag.round(5), f"cloud {k}", showlegend=False, marker=dot
             )
-    for k, (label, colour, found) in enumerate(zip(vehicles.labels, paints, every, strict=True)):
+    for k, (label, colour, modes) in enumerate(zip(vehicles.labels, paints, every, strict=True)):
         for at, what, symbol, size in (
-            (found.poles, "pole", "x-thin", 9), (found.zeros, "zero", "circle-open", 10),
+            (modes.poles, "pole", "x-thin", 9), (modes.zeros, "zero", "circle-open", 10),
         ):  # fmt: skip
             chart.dots(
                 at.real, at.imag, f"{label}, {what}", customdata=[k] * len(at),
@@ -100,10 +107,10 @@ def step_responses(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure
     for label, colour, vehicle in zip(
         vehicles.labels, colours(vehicles), vehicles.parameters, strict=True
     ):
-        found = responses(vehicle, end)
-        step = np.clip(found.step, -MOST_STEP, MOST_STEP)
+        response = responses(vehicle, end)
+        step = np.clip(response.step, -MOST_STEP, MOST_STEP)
         hover = f"%{{y:.3f}} at %{{x:.1f}} s<extra>{html.escape(label)}</extra>"
-        chart.line(found.time, step, label, colour, 2.2, hover=hover, points=600)
+        chart.line(response.time, step, label, colour, 2.2, hover=hover, points=600)
         tops.append(float(step.max()))
     chart.axis("x", TIME.axis, range=[0.0, end])
     chart.axis("y", "Step response of the speed", range=[-0.05, min(1.05 * max(tops), 3.0)])
@@ -118,21 +125,21 @@ def impulse_response(subject: AssessedVehicles, k: int, height: int = HEIGHT) ->
     label, colour = subject.vehicles.labels[k], colours(subject.vehicles)[k]
     end, gain = response_length(subject), subject.report.vehicles[k].linf_gain
     chart = style.Chart(f"impulse-response-{k}", height, hoverdistance=200)
-    found = responses(subject.vehicles.parameters[k], end)
-    h = np.nan_to_num(found.impulse, posinf=0.0, neginf=0.0)
+    response = responses(subject.vehicles.parameters[k], end)
+    h = np.nan_to_num(response.impulse, posinf=0.0, neginf=0.0)
     for part, paint, name in (
         (np.maximum(h, 0.0), colour, "above zero"), (np.minimum(h, 0.0), style.MODEL, "below zero")
     ):  # fmt: skip
-        chart.band(found.time, np.zeros_like(h), part, paint, 0.35, name)
+        chart.band(response.time, np.zeros_like(h), part, paint, 0.35, name)
     hover = f"%{{y:.4f}} 1/s at %{{x:.1f}} s<extra>{html.escape(label)}</extra>"
-    chart.line(found.time, h, label, colour, 2.2, hover=hover, points=600)
+    chart.line(response.time, h, label, colour, 2.2, hover=hover, points=600)
     chart.level("y", 0.0, LIMIT, "below")
     if np.isfinite(gain) and gain > 0:
         above, below = (gain + 1.0) / 2.0, (gain - 1.0) / 2.0
-        said = f"‖h‖₁ = {above:.3f} + {below:.3f} = <b>{gain:.3f}</b>"
+        area = f"‖h‖₁ = {above:.3f} + {below:.3f} = <b>{gain:.3f}</b>"
     else:
-        said = f"‖h‖₁ = <b>{'∞' if gain else '0'}</b>"
-    chart.words(said, 0.985, 0.985, font={"size": 14})
+        area = f"‖h‖₁ = <b>{'∞' if gain else '0'}</b>"
+    chart.words(area, 0.985, 0.985, font={"size": 14})
     low, high = float(h.min()), float(h.max())
     room = max(high - low, 1e-3)
     chart.axis("x", TIME.axis, range=[0.0, end])
@@ -152,15 +159,15 @@ def margin_forest(subject: AssessedVehicles) -> go.Figure:
     A triangle at the left end stands for a vehicle that no larger time gap makes stable, one at the
     right end for a vehicle that is stable whatever its time gap.
     """
-    found, vehicles = subject.margins, subject.vehicles
-    rows = [*vehicles.labels] + [WHOLE_NAME] * bool(found.platoon)
+    margins, vehicles = subject.margins, subject.vehicles
+    rows = [*vehicles.labels] + [WHOLE_NAME] * bool(margins.platoon)
     paints, last = [*colours(vehicles), style.LEADER], len(rows) - 1
     points = {
-        "L₂": [(v.l2.distance, v.l2.state.value) for v in found.vehicles],
-        "L∞, exact": [(v.linf.distance, v.linf.state.value) for v in found.vehicles],
+        "L₂": [(v.l2.distance, v.l2.state.value) for v in margins.vehicles],
+        "L∞, exact": [(v.linf.distance, v.linf.state.value) for v in margins.vehicles],
     }
-    if found.platoon:
-        points["L₂"].append((found.platoon, "the platoon as a whole"))
+    if margins.platoon:
+        points["L₂"].append((margins.platoon, "the platoon as a whole"))
     low, high = _reach([distance for norm in points.values() for distance, _ in norm])
     chart = style.Chart(
         "margins", 78 + 46 * len(rows), margin={"l": 118, "r": 14, "t": 10, "b": 42},
@@ -192,31 +199,53 @@ def margin_forest(subject: AssessedVehicles) -> go.Figure:
     return chart.figure()
 
 
-def growth_by_size(subject: AssessedVehicles, found: Waves, height: int = HEIGHT) -> go.Figure:
-    """How much waves grow by their size: braking ones, accelerating ones dashed, and small ones.
-
-    The height is in pixels.
-    """
-    chart = style.Chart("waves", height, hoverdistance=30)
-    chart.level("y", 1.0, LIMIT, "below")
-    rows = zip(found.vehicles, colours(subject.vehicles), subject.report.vehicles, strict=True)
-    tops, end = [1.1], 0.0
-    for k, (vehicle, colour, linear) in enumerate(rows):
-        label = found.names[k]
-        size, small = 3.6 * vehicle.amplitude, linear.peak.gain
-        for part, words, dash in (
-            (vehicle.braking, "braking", "solid"), (vehicle.accelerating, "accelerating", "dash"),
-        ):  # fmt: skip
-            chart.line(
-                np.insert(size, 0, 0.0), np.insert(part, 0, small), f"{label}, {words}", colour,
-                2.2, dash, showlegend=dash == "solid",
-                hover=f"{words}: %{{y:.2f}} at %{{x:.0f}} km/h<extra>{html.escape(label)}</extra>",
-            )  # fmt: skip
-            tops += part[np.isfinite(part)].tolist()
-        end = max(end, float(size[-1]))
-    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
-    chart.axis("y", "Growth", range=[min(0.9, *tops), 1.05 * min(max(tops), 5.0)])
+def growth_by_frequency(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves of one size grow over their frequency: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-frequency"), [1.1]
+    for k, vehicle in enumerate(found.vehicles):
+        growth = vehicle.by_frequency
+        parts = growth.braking, growth.accelerating
+        tops += _draw_directions(
+            chart, subject, found, k, growth.omega, parts, "%{y:.2f} at %{x:.3f} rad/s"
+        )
+    chart.axis("x", AXIS_OF_FREQUENCY, type="log", **TICKS)
+    chart.axis("y", "Growth", range=[0.0, 1.05 * min(max(tops), MOST_GROWTH)])
     return chart.figure()
+
+
+def growth_by_size(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves grow by their size: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-size"), [1.1]
+    linear = (vehicle.peak.gain for vehicle in subject.report.vehicles)
+    for k, (vehicle, peak) in enumerate(zip(found.vehicles, linear, strict=True)):
+        parts = [np.insert(part, 0, peak) for part in (vehicle.braking, vehicle.accelerating)]
+        size = 3.6 * np.insert(vehicle.amplitude, 0, 0.0)
+        tops += _draw_directions(chart, subject, found, k, size, parts, "%{y:.2f} at %{x:.0f} km/h")
+    end = 3.6 * max(float(vehicle.amplitude[-1]) for vehicle in found.vehicles)
+    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
+    chart.axis("y", "Largest growth", range=[min(0.9, *tops), 1.05 * min(max(tops), MOST_GROWTH)])
+    return chart.figure()
+
+
+def _growth_chart(key: str) -> style.Chart:
+    chart = style.Chart(key, HEIGHT, hoverdistance=30)
+    chart.level("y", 1.0, LIMIT, "below")
+    return chart
+
+
+def _draw_directions(
+    chart: style.Chart, subject: AssessedVehicles, found: Waves, k: int, x: FloatArray,
+    parts: Sequence[FloatArray], at: str,
+) -> list[float]:  # fmt: skip
+    """Draw the growth of braking and accelerating waves by one vehicle; returns what is finite."""
+    label, colour = found.names[k], colours(subject.vehicles)[k]
+    for part, words, dash in zip(parts, DIRECTIONS, ("solid", "dash"), strict=True):
+        chart.line(
+            x, part, f"{label}, {words}", colour, 2.2, dash, showlegend=dash == "solid",
+            hover=f"{words}: {at}<extra>{html.escape(label)}</extra>",
+        )  # fmt: skip
+    every = np.concatenate(parts)
+    return [float(value) for value in every[np.isfinite(every)]]
 
 
 def _said(value: Quantity) -> str:

@@ -19,7 +19,7 @@ from accpinn.stability import (
     Verdict,
 )
 from accpinn.stability.margin import NormMargin, State
-from accpinn.stability.waves import USUAL, Waves
+from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles, PeakGrowth
 from accpinn.units import FloatArray, Quantity
 
@@ -121,7 +121,7 @@ def next_to_stable(subject: AssessedVehicles) -> str:
     lacking = {
         k: margin
         for k, margin in enumerate(subject.l2_margins)
-        if margin.state is State.TOO_SHORT and subject.assessed[k] != "not determined"
+        if margin.state is State.TOO_SHORT and subject.assessed[k].l2.assessment != "not determined"
     }
     if not lacking:
         return ""
@@ -165,14 +165,13 @@ def about_margin(subject: AssessedVehicles) -> str:
 
 def waves_in_words(found: Waves) -> str:
     """How much the two directions of a wave grow by the vehicle that amplifies most."""
-    rows = [(name, vehicle, min(USUAL, float(vehicle.amplitude[-1])))
-            for name, vehicle in zip(found.names, found.vehicles, strict=True)]  # fmt: skip
-    grow = [(max(vehicle.at(size)), name, vehicle.at(size), size) for name, vehicle, size in rows]
-    grow = [row for row in grow if not isnan(row[0])]
-    if not grow:
+    pairs = zip(found.names, found.vehicles, strict=True)
+    grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
+    judged = [row for row in grow if not isnan(row[0] + row[1])]
+    if not judged:
         return "No steady wave is found."
-    _, name, (braking, accelerating), size = max(grow)
-    most = " most" if len(rows) > 1 else ""
+    braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
+    most = " most" if len(grow) > 1 else ""
     return (
         f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
         f" an accelerating one {grown(accelerating)}."
@@ -181,8 +180,9 @@ def waves_in_words(found: Waves) -> str:
 
 WAVES = (
     "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
-    " follower's steady motion, at the frequency at which it is largest: of the deviation below the"
-    " mean speed (braking) and above it (accelerating). At size 0: the peak of |H|."
+    " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
+    " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
+    " peak of |H|."
 )
 """What the growth of waves is."""
 MARGIN = (
@@ -365,13 +365,14 @@ def grown(gain: float, ends: Quantity | None = None, level: float | None = None)
 
     Args:
         gain: the largest.
-        ends: its interval, which is said in brackets.
+        ends: its interval, which is said in brackets unless it is nan.
         level: of that interval, where it is to be said, too.
     """
     if isinf(gain):
         return "without limit"
     if gain - 1.0 < LEAST_GROWTH:
         return f"by less than {100 * LEAST_GROWTH:.1f} %"
+    ends = None if ends is None or isnan(ends.lower) else ends
     parts = gain, *((ends.lower, ends.upper) if ends else ())
     if gain < FOLD:
         most, *known = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
@@ -413,7 +414,7 @@ def _verdicts(subject: AssessedVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
     for kind in _ASSESSED:
-        alike = [k for k in range(total) if subject.assessed[k] == kind]
+        alike = [k for k in range(total) if subject.assessed[k].l2.assessment == kind]
         named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
         named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
         if alike:
@@ -429,7 +430,8 @@ def most_amplifying(subject: AssessedVehicles) -> str:
 
     What the measured gain contradicts is called the model's.
     """
-    assessed, spoken = subject.assessed, subject.vehicles.spoken
+    spoken = subject.vehicles.spoken
+    assessed = [vehicle.l2.assessment for vehicle in subject.assessed]
     judged = [k for k, kind in enumerate(assessed) if kind != "not determined"]
     if not judged:
         return "The data do not determine whether these vehicles amplify disturbances."
@@ -510,7 +512,7 @@ def becomes(
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
     """
-    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]], {}
+    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     against = _is_contradicted(subject, alike)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"

@@ -15,23 +15,25 @@ from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
-from accpinn.results.description import Description, describe
 from accpinn.results.documents import parameter_card
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.summary import unfinished
+from accpinn.results.naming import about_point
 from accpinn.results.report import bundle
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
+from accpinn.study.description import Description, describe
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import browser, frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
-from pages.ui.session.sessions import owner_mark
+from pages.ui.session.users import owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import title_of
 
@@ -84,7 +86,7 @@ def show_result(
         _show_checks(checks)
     curves = figures.curves_of(result, follower, window)
     drive = figures.drive(curves, height=CURVES + 120 * (curves.disturbance is not None))
-    colours = vehicle_colours(info.vehicles, [row.number for row in description.rows])
+    colours = vehicle_colours(info.vehicles, [each.number for each in description.followers])
     show.chart(drive, f"{page}_tracking")
     show.caption(curves.about)
     views: dict[str, Callable[[], None]] = {
@@ -95,7 +97,7 @@ def show_result(
     }
     if result.history:
         views["Training"] = lambda: _show_course(workspace, result, truth, page, follower, window)
-    if description.row(follower).windows:
+    if description.follower(follower).windows:
         views["Windows"] = lambda: _show_windows(workspace, description, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, parameters, page, snapshot),
@@ -105,7 +107,7 @@ def show_result(
 def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
     """Those that the recording of a result was made with, where it is open and synthetic."""
     is_open = result.recording is workspace.recording
-    is_same = is_open and result.info.vehicles == workspace.asked.vehicles
+    is_same = is_open and result.info.vehicles == workspace.selection.vehicles
     return workspace.true_parameters if is_same else None
 
 
@@ -136,7 +138,8 @@ def _show_numbers(
     else:
         show.table(table)
     intervals = f"{100 * (level or 0):.0f} % intervals, and that of a further window"
-    show.caption(f"{capital(description.point or intervals)}.", about)
+    point = about_point(description.estimate)
+    show.caption(f"{capital(point or intervals)}.", about)
     if true:
         show.caption(true)
 
@@ -159,7 +162,7 @@ def _choose_windows(workspace: Workspace) -> None:
     """Windows switched off and on; the next training takes those that are on."""
     if not (workspace.recording and workspace.several_windows):
         return
-    every = windows_in_car_following(workspace.recording, workspace.asked.vehicles)
+    every = windows_in_car_following(workspace.recording, workspace.selection.vehicles)
     names = {window.start: str(window) for window in every}
     starts = [window.start for window in workspace.several_windows]
 
@@ -208,9 +211,9 @@ def _show_errors(result: Result, description: Description, table: Table, followe
         " the simulation behind the measured leader."
         f" {estimate.iterations:,} iterations in {took}{weights}.{cache}"
     )
-    show.warnings(description.events, "the closed-loop simulation")
-    show.messages(description.weaknesses, "warning")
-    show.messages(description.findings)
+    show.warnings(incidents(result.evaluation, info), "the closed-loop simulation")
+    show.messages(messages(result.weaknesses, info), "warning")
+    show.messages(messages(result.findings, info))
     if about:
         show.caption(" ".join(about))
     show.downloads(table, f"{Path(info.source).stem}_errors", "errors")
