@@ -43,6 +43,7 @@ The public interface, in the order data flows:
     Recorded
     Uncertainty                       intervals and probabilities that follow from a posterior
     gap_band                          bands of the space-gaps that the posterior predicts
+    next_drive, NextDrive             the drive of the car ahead that would tell most
     model_forms                       the CTHP beside further forms of the model
     Judgements                        how models describe windows that they have not seen
     starts, spread_of                 other initial values, and how far apart they end

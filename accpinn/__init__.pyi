@@ -83,6 +83,8 @@ from .study.groups import Groups as Groups
 from .study.groups import group as group
 from .study.groups import read_study as read_study
 from .study.judging import Judgements as Judgements
+from .study.next_drive import NextDrive as NextDrive
+from .study.next_drive import next_drive as next_drive
 from .study.result import Result as Result
 from .study.run import run as run
 from .study.snapshot import load as load

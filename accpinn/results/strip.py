@@ -93,8 +93,9 @@ class Strip:
     speed: MetresPerSecond
     """Speed at which the time gap is stated."""
     about: tuple[str, ...]
-    """Method, model, windows, Case, what an estimate without intervals is, and how much more time
-    gap string stability takes."""
+    """Method, model, windows, Case, and what an estimate without intervals is."""
+    lacking: str = ""
+    """How much more time gap string stability takes; empty where it is there."""
 
     def of_places(self, places: Collection[int]) -> "Strip":
         """The strip of some of the vehicles alone, by their index; 0 for the first."""
@@ -121,12 +122,13 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
         point = "" if subject.uncertainty else POINTS
-        about = filter(None, (vehicles.title, *models, point, next_to_stable(subject)))
-        return Strip(rows, leader, SPEEDS[-1], tuple(about))
+        about = tuple(filter(None, (vehicles.title, *models, point)))
+        return Strip(rows, leader, SPEEDS[-1], about, next_to_stable(subject))
     known = description or describe(subject.result)
     places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
     rows = tuple(_row(subject, k, row) for k, row in zip(places, known.rows, strict=True))
-    return Strip(rows, leader, known.estimate.stated_speed, _about(subject, known))
+    speed, about = known.estimate.stated_speed, _about(subject, known)
+    return Strip(rows, leader, speed, about, next_to_stable(subject))
 
 
 def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
@@ -136,7 +138,7 @@ def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
     case = f"Case {known.estimate.case}" if known.info.followers > 1 else ""
     model = TITLES[known.estimate.model]
     parts = known.method, model, linear, f"{windows}, {seconds:,.0f} s", case, known.point
-    return tuple(filter(None, (*parts, next_to_stable(subject))))
+    return tuple(filter(None, parts))
 
 
 def _row(subject: AssessedVehicles, place: int, row: Row | None) -> StripRow:
