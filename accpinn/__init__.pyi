@@ -75,6 +75,7 @@ from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
 from .stability.waves import Waves as Waves
 from .stability.what_if import WhatIf as WhatIf
+from .stability.what_if import what_if as what_if
 from .study import Analysis as Analysis
 from .study.batch import batch as batch
 from .study.comparison import spread_of as spread_of

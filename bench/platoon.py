@@ -1,21 +1,27 @@
-"""Which model predicts the growth along a platoon? `python -m bench.platoon FOLDER`.
+"""Which model predicts the growth along a platoon? `python -m bench.platoon FOLDER ..`.
 
 String stability is a statement about platoons, so this is its judge. Of each recorded platoon of
-two followers or more one window of `WINDOW` seconds is left out; every candidate is estimated from
-the other windows of the platoon and predicts the head-to-tail gain from the leader's speed to that
-of the last car. It is compared with the gain measured in the window left out (Welch's method) at
-frequencies from `SLOWEST` to `FASTEST` whose coherence is at least `COHERENT`: rms difference in
-dB, and that of the largest gain. Candidates are
+two followers or more one window of up to `WINDOW` seconds is left out; every candidate is estimated
+from the other windows of the platoon and predicts the gain from the speed of one of its vehicles to
+that of another at least two places behind: of all cars together, and of every chain within. It is
+compared with the gain measured in the window left out, at frequencies from `SLOWEST` to `FASTEST`
+whose coherence is at least `COHERENT`. The gain is measured beside a reference (see
+`accpinn.stability.measured_gain`), the likeliest parameters of that window itself.
+
+A measured gain has a random error σ in dB, so a frequency weighs 1/(1 + σ²): the rms difference is
+the weighted one, and the last row is what σ alone would leave. The peak is the largest gain at
+these frequencies. Candidates are
 
     product       of the cars' |H|, linearised at their median speeds
     chain         the platoon simulated behind the recorded leader, by the same estimator of a gain
     response      a linear response with few terms that is fitted to the cars' measured complex H
     measured      product of the cars' measured gains in the other windows
-    consistency   the same in the window left out: no prediction, but whether gains multiply
+    corrected     the same, drawn towards the cars' |H| where a gain is hardly measured
+    consistency   measured in the window left out: no prediction, but whether gains multiply
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -24,90 +30,164 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import csd
 
 from accpinn.errors import AccpinnError
+from accpinn.inference.gain_check import decibels
+from accpinn.inference.measured_growth import corrected_gains
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, simulate
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.stability.criteria import response
-from accpinn.stability.measured_gain import MeasuredGain, measured_gain
+from accpinn.stability.measured_gain import MeasuredGain, head_to_tail_gain, measured_gain
 from accpinn.study.plan import files_of, plan
 from accpinn.units import FloatArray, RadiansPerSecond, Seconds
-from bench.prediction import WORKERS, joint, likelihood, over_cars, simulation
+from bench import prediction
+from bench.prediction import over_cars
 
-WINDOW, SHORTEST = 300.0, 140.0
-"""Longest and shortest window that is left out, in s."""
+WINDOW: Seconds = 300.0
+"""Longest window that is left out."""
+SHORTEST: Seconds = 80.0
+"""Shortest window that is left out."""
 SLOWEST: RadiansPerSecond = 0.06
 FASTEST: RadiansPerSecond = 0.8
 COHERENT = 0.6
-LEAST = 4
+LEAST = 3
 """Fewest frequencies that are compared."""
-PIECE: Seconds = 60.0
-"""Length of a piece where complex responses are measured."""
-Windows = Sequence[Segment]
+WORKERS = 1
+Windows = tuple[Segment, ...]
 Gain = Callable[[Segment, FloatArray], FloatArray]
-"""(K,) the head-to-tail gain in a window at frequencies (K,)."""
+"""(K,) the gain of a chain in a window at frequencies (K,)."""
 Candidate = Callable[[Windows], Gain]
 
 
-def head_to_tail(window: Segment, speeds: FloatArray | None = None) -> MeasuredGain:
-    """The measured gain from the leader to the last car, of recorded or other speeds (N, M+1)."""
-    pair = window.pair(0)
-    ends = (window.speeds if speeds is None else speeds)[:, [0, -1]]
-    return measured_gain(replace(pair, speeds=ends), 0)
+class Chain(NamedTuple):
+    """Some consecutive vehicles of a recorded platoon in its windows."""
+
+    platoon: tuple[str, str]
+    """File, and numbers of all vehicles."""
+    is_whole: bool
+    windows: Windows
 
 
-def cars_of(
-    windows: Windows, estimator: Callable[[Windows, str], Parameters], model: str
-) -> Parameters:
-    """(M,) the parameters of each follower from some windows."""
+@cache
+def of_followers(window: Segment, first: int, last: int) -> Segment:
+    """The same window with followers ``first`` to ``last`` alone, 0 for the first."""
+    ahead, behind, count = slice(first, last + 2), slice(first, last + 1), window.followers + 1
+    missing = window.missing
+    if missing is not None:
+        missing = np.column_stack([missing[:, ahead], missing[:, count:][:, behind]])
+    return replace(
+        window,
+        vehicles=window.vehicles[ahead],
+        names=window.names[ahead],
+        speeds=window.speeds[:, ahead],
+        gaps=window.gaps[:, behind],
+        mask=None if window.mask is None else window.mask[:, behind],
+        missing=missing,
+        longest_time_gaps=window.longest_time_gaps[behind],
+    )
+
+
+@cache
+def car(windows: Windows, model: str, estimator: str) -> Parameters:
+    """(1,) the parameters of a follower from its windows."""
+    return getattr(prediction, estimator)(windows, model)
+
+
+def cars(windows: Windows, model: str = BEST, estimator: str = "joint") -> Parameters:
+    """(M,) the parameters of each follower."""
     sets = [
-        estimator([window.pair(k) for window in windows], model)
+        car(tuple(window.pair(k) for window in windows), model, estimator)
         for k in range(windows[0].followers)
     ]
     return Parameters.of(np.concatenate([part.everything for part in sets]))
 
 
-def product(estimator: Callable[[Windows, str], Parameters], model: str, windows: Windows) -> Gain:
+@cache
+def truth(window: Segment) -> MeasuredGain:
+    """The gain of a chain that is measured in a window."""
+    return head_to_tail_gain((window,), reference=cars((window,)))
+
+
+def product(model: str, estimator: str, windows: Windows) -> Gain:
     """The product of the cars' |H|."""
-    parameters = cars_of(windows, estimator, model)
+    parameters = cars(windows, model, estimator)
     return lambda _, omega: np.asarray(np.abs(response(parameters, omega)).prod(axis=0))
 
 
-def chain(estimator: Callable[[Windows, str], Parameters], model: str, windows: Windows) -> Gain:
+def chain(model: str, estimator: str, windows: Windows) -> Gain:
     """The gain of the platoon that is simulated behind the recorded leader."""
-    parameters = cars_of(windows, estimator, model)
+    parameters = cars(windows, model, estimator)
 
     def gain(window: Segment, omega: FloatArray) -> FloatArray:
         first = window.speeds[0, 1:], window.gaps[0]
         run = simulate(model, parameters, window.time, window.speeds[:, 0], *first)
-        measured = head_to_tail(window, run.speeds)
-        return np.interp(omega, measured.omega, measured.gain)
+        driven = replace(window, speeds=run.speeds, missing=None)
+        measured = head_to_tail_gain((driven,), reference=cars((window,)))
+        return at(measured, omega, cars((window,)))
 
     return gain
 
 
+def at(measured: MeasuredGain, omega: FloatArray, model: Parameters) -> FloatArray:
+    """A measured gain at other frequencies: its ratio to a model's changes little between them."""
+    ratio = np.log(measured.gain / np.abs(response(model, measured.omega)).prod(axis=0))
+    between = np.interp(np.log(omega), np.log(measured.omega), ratio)
+    return np.asarray(np.exp(between) * np.abs(response(model, omega)).prod(axis=0))
+
+
+def gains_of(windows: Windows, model: Parameters | None) -> list[MeasuredGain]:
+    """The measured gain of each follower."""
+    return [
+        measured_gain(windows, k, reference=None if model is None else model[[k]])
+        for k in range(windows[0].followers)
+    ]
+
+
 def measured(windows: Windows) -> Gain:
     """The product of the cars' measured gains."""
-    gains = [measured_gain(tuple(windows), k) for k in range(windows[0].followers)]
+    model = cars(windows)
+    pairs = gains_of(windows, model)
     return lambda _, omega: np.asarray(
-        np.prod([np.interp(omega, gain.omega, gain.gain) for gain in gains], axis=0)
+        np.prod([at(pair, omega, model[[k]]) for k, pair in enumerate(pairs)], axis=0)
     )
+
+
+def plain(windows: Windows) -> Gain:
+    """The same without a reference."""
+    pairs = gains_of(windows, None)
+    return lambda _, omega: np.asarray(
+        np.prod([np.interp(omega, pair.omega, pair.gain) for pair in pairs], axis=0)
+    )
+
+
+def corrected(model: str, estimator: str, windows: Windows) -> Gain:
+    """The product of measured gains that are drawn towards those of a model."""
+    parameters = cars(windows, model, estimator)
+    pairs = gains_of(windows, parameters)
+
+    def gain(_: Segment, omega: FloatArray) -> FloatArray:
+        mean, _ = corrected_gains(pairs, parameters, omega)
+        return np.asarray(np.exp(mean.sum(axis=0)))
+
+    return gain
 
 
 def consistency(_: Windows) -> Gain:
     """The product of the cars' measured gains in the window left out itself."""
-    return lambda window, omega: measured([window])(window, omega)
+    return lambda window, omega: measured((window,))(window, omega)
 
 
 # Linear responses that are fitted to the measured complex H.
 
+Complex = NDArray[np.complex128]
 
-def with_delay(s: FloatArray, x: FloatArray) -> FloatArray:
+
+def with_delay(s: Complex, x: FloatArray) -> Complex:
     """H of the CTHP behind a delay; x are ln α, ln β, ln τ, ln d."""
     alpha, beta, tau, delay = np.exp(x)
     late = np.exp(-delay * s)
@@ -116,7 +196,7 @@ def with_delay(s: FloatArray, x: FloatArray) -> FloatArray:
     )
 
 
-def with_lag_and_delay(s: FloatArray, x: FloatArray) -> FloatArray:
+def with_lag_and_delay(s: Complex, x: FloatArray) -> Complex:
     """The same behind a lag, too; the last of x is ln λ."""
     alpha, beta, tau, delay, lag = np.exp(x)
     late = np.exp(-delay * s) / (1 + lag * s)
@@ -125,7 +205,7 @@ def with_lag_and_delay(s: FloatArray, x: FloatArray) -> FloatArray:
     )
 
 
-def with_feed_forward(s: FloatArray, x: FloatArray) -> FloatArray:
+def with_feed_forward(s: Complex, x: FloatArray) -> Complex:
     """The CTHP behind a delay with a gain on the acceleration ahead, the last of x."""
     (alpha, beta, tau, delay), forward = np.exp(x[:4]), x[4]
     late = np.exp(-delay * s)
@@ -133,74 +213,72 @@ def with_feed_forward(s: FloatArray, x: FloatArray) -> FloatArray:
     return np.asarray(above / (s**2 + (alpha * tau + beta) * late * s + alpha * late))
 
 
-def third_order(s: FloatArray, x: FloatArray) -> FloatArray:
+def third_order(s: Complex, x: FloatArray) -> Complex:
     """A free response of third order behind a delay, with gain 1 at ω = 0."""
     delay, (b2, b1, a3, a2, a1) = np.exp(x[0]), x[1:]
     return np.asarray((b2 * s**2 + b1 * s + 1) * np.exp(-delay * s)
                       / (np.exp(a3) * s**3 + a2 * s**2 + a1 * s + 1))  # fmt: skip
 
 
-RESPONSES: dict[str, tuple[Callable[[FloatArray, FloatArray], FloatArray], tuple[float, ...]]] = {
-    "delay": (with_delay, (-2.5, -1.6, 0.2, -0.5)),
-    "lag and delay": (with_lag_and_delay, (-2.5, -1.6, 0.2, -1.0, -1.0)),
-    "feed-forward and delay": (with_feed_forward, (-2.5, -1.6, 0.2, -0.5, 0.0)),
+def with_pole_and_zero(s: Complex, x: FloatArray) -> Complex:
+    """The CTHP behind a delay with a further zero and pole, the last of x as ln of their times."""
+    zero, pole = np.exp(x[4:])
+    return with_delay(s, x[:4]) * (1 + zero * s) / (1 + pole * s)
+
+
+Form = Callable[[Complex, FloatArray], Complex]
+CTHP_START = (-2.5, -1.6, 0.2, -0.5)
+RESPONSES: Mapping[str, tuple[Form, tuple[float, ...]]] = {
+    "delay": (with_delay, CTHP_START),
+    "lag and delay": (with_lag_and_delay, (*CTHP_START, -1.0)),
+    "feed-forward and delay": (with_feed_forward, (*CTHP_START, 0.0)),
+    "pole, zero and delay": (with_pole_and_zero, (*CTHP_START, 0.0, 0.0)),
     "third order and delay": (third_order, (-0.5, 10.0, 5.0, 2.0, 15.0, 8.0)),
 }
-
-
-def complex_response(windows: Windows, follower: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Frequencies, the measured complex H of a follower, and the weight of each."""
-    parts = []
-    for window in windows:
-        rate = 1 / window.sample_time
-        size = min(round(PIECE * rate), window.samples // 2)
-        ahead, own = np.diff(window.speeds[:, follower : follower + 2], axis=0).T
-        size = round(PIECE * rate) if window.samples > PIECE * rate else size
-        pairs = ((ahead, ahead), (ahead, own), (own, own))
-        spectra = [csd(x, y, rate, nperseg=size, nfft=round(PIECE * rate)) for x, y in pairs]
-        parts.append(window.samples * np.array([density for _, density in spectra]))
-        omega = 2 * np.pi * spectra[0][0]
-    ahead, cross, own = np.sum(parts, axis=0)
-    kept = (omega >= SLOWEST) & (omega <= FASTEST)
-    coherence = abs(cross) ** 2 / (ahead.real * own.real)
-    weight = np.sqrt(coherence / np.maximum(1 - coherence, 0.02))
-    return omega[kept], (cross / ahead)[kept], weight[kept]
 
 
 def fitted(name: str, windows: Windows) -> Gain:
     """The product of responses that are fitted to each car's measured complex H."""
     form, start = RESPONSES[name]
-    found = []
-    for k in range(windows[0].followers):
-        omega, wanted, weight = complex_response(windows, k)
+    model, sets = cars(windows), list[FloatArray]()
+    for pair in gains_of(windows, model):
+        used = (pair.omega >= SLOWEST) & (pair.omega <= FASTEST)
+        s, wanted, coherence = 1j * pair.omega[used], pair.response[used], pair.coherence[used]
+        weight = np.sqrt(coherence / np.maximum(1 - coherence, 0.02))
 
         def apart(
-            x: FloatArray, omega: FloatArray = omega, wanted: FloatArray = wanted,
-            weight: FloatArray = weight,
-        ) -> FloatArray:  # fmt: skip
+            x: FloatArray, s: Complex = s, wanted: Complex = wanted, weight: FloatArray = weight
+        ) -> FloatArray:
             with np.errstate(all="ignore"):
-                error = weight * (form(1j * omega, x) / wanted - 1)
+                error = weight * (form(s, x) / wanted - 1)
             return np.nan_to_num(np.concatenate([error.real, error.imag]), nan=1e3)
 
-        found.append(least_squares(apart, start, loss="soft_l1").x)
+        sets.append(least_squares(apart, start, loss="soft_l1").x)
 
-    return lambda _, omega: np.asarray(np.prod([abs(form(1j * omega, x)) for x in found], axis=0))
+    return lambda _, omega: np.asarray(np.prod([abs(form(1j * omega, x)) for x in sets], axis=0))
 
 
 CANDIDATES: dict[str, Candidate] = {
-    f"product, {BEST}": partial(product, likelihood, BEST),
-    "product, cthp-s0-lag, simulation": partial(product, simulation, "cthp-s0-lag"),
-    "product, idm-delay": partial(product, joint, "idm-delay"),
-    f"chain, {BEST}": partial(chain, likelihood, BEST),
-    "chain, cthp-s0-delay, simulation": partial(chain, simulation, BEST),
-    "chain, idm": partial(chain, joint, "idm"),
-    "chain, fvdm": partial(chain, joint, "fvdm"),
-    "chain, unequal": partial(chain, joint, "unequal"),
-    "chain, unequal-delay": partial(chain, joint, "unequal-delay"),
+    f"product, {BEST}": partial(product, BEST, "joint"),
+    f"product, {BEST}, simulation": partial(product, BEST, "simulation"),
+    "product, cthp-s0-lag, simulation": partial(product, "cthp-s0-lag", "simulation"),
+    "product, idm": partial(product, "idm", "joint"),
+    "product, fvdm": partial(product, "fvdm", "joint"),
+    f"chain, {BEST}": partial(chain, BEST, "joint"),
+    f"chain, {BEST}, simulation": partial(chain, BEST, "simulation"),
+    "chain, cthp-s0-lag, simulation": partial(chain, "cthp-s0-lag", "simulation"),
+    "chain, idm": partial(chain, "idm", "joint"),
+    "chain, fvdm": partial(chain, "fvdm", "joint"),
+    "chain, unequal": partial(chain, "unequal", "joint"),
     **{f"response, {name}": partial(fitted, name) for name in RESPONSES},
+    "measured, without reference": plain,
     "measured": measured,
+    f"corrected, {BEST}": partial(corrected, BEST, "joint"),
+    f"corrected, {BEST}, simulation": partial(corrected, BEST, "simulation"),
+    "corrected, fvdm": partial(corrected, "fvdm", "joint"),
     "consistency": consistency,
 }
+"""Candidates by name, the reference of the paired differences first."""
 
 
 class Compared(NamedTuple):
@@ -212,72 +290,100 @@ class Compared(NamedTuple):
     """Largest gain beyond the measured one in dB."""
 
 
+NOTHING = Compared(np.nan, np.nan)
+
+
 def compared(gain: Gain, window: Segment) -> Compared:
     """A prediction in a window left out; nan where too few frequencies are coherent."""
-    truth = head_to_tail(window)
-    at = (truth.omega >= SLOWEST) & (truth.omega <= FASTEST) & (truth.coherence >= COHERENT)
-    if at.sum() < LEAST:
-        return Compared(np.nan, np.nan)
-    levels = 20 * np.log10([gain(window, truth.omega[at]), truth.gain[at]])
-    return Compared(
-        float(np.sqrt(np.mean((levels[0] - levels[1]) ** 2))),
-        float(levels[0].max() - levels[1].max()),
-    )
+    measured = truth(window)
+    used = (measured.omega >= SLOWEST) & (measured.omega <= FASTEST)
+    used &= measured.coherence >= COHERENT
+    if used.sum() < LEAST:
+        return NOTHING
+    weights = 1 / (1 + decibels(np.exp(measured.error[used])) ** 2)
+    levels = decibels(np.array([gain(window, measured.omega[used]), measured.gain[used]]))
+    square = np.average((levels[0] - levels[1]) ** 2, weights=weights)
+    return Compared(float(np.sqrt(square)), float(levels[0].max() - levels[1].max()))
 
 
-def platoons_of(folder: str) -> dict[tuple[str, str], list[Segment]]:
-    """The windows of each recorded platoon of two followers or more, by file and vehicles."""
-    platoons: dict[tuple[str, str], list[Segment]] = {}
+def noise(window: Segment) -> float:
+    """The rms difference that the random error of the measured gain leaves, in dB."""
+    measured = truth(window)
+    used = (measured.omega >= SLOWEST) & (measured.omega <= FASTEST)
+    used &= measured.coherence >= COHERENT
+    sigma = decibels(np.exp(measured.error[used]))
+    return float(np.sqrt(np.average(sigma**2, weights=1 / (1 + sigma**2)))) if used.any() else 0.0
+
+
+def chains_of(folder: str) -> Iterator[Chain]:
+    """Each recorded platoon with two windows or more, and every chain of two followers within."""
     for path in files_of(folder):
+        platoons: dict[tuple[int, ...], list[Segment]] = {}
         with suppress(AccpinnError):  # a file that cannot be read has no windows
             recording = read(path)
             for planned in plan(recording, WINDOW):
                 if len(planned.vehicles) > 2 and planned.window.duration >= SHORTEST:
                     window = planned.window
                     segment = cut(recording, window.start, window.duration, planned.vehicles)
-                    key = path.name, "-".join(map(str, planned.vehicles))
-                    platoons.setdefault(key, []).append(segment)
-    return {key: windows for key, windows in platoons.items() if len(windows) > 1}
+                    platoons.setdefault(planned.vehicles, []).append(segment)
+        for vehicles, windows in platoons.items():
+            count = len(vehicles) - 1
+            for first in range(count - 1 if len(windows) > 1 else 0):
+                for last in range(first + 1, count):
+                    parts = tuple(of_followers(window, first, last) for window in windows)
+                    is_whole = last - first + 1 == count
+                    yield Chain((path.name, "-".join(map(str, vehicles))), is_whole, parts)
 
 
-def judged(windows: Windows, place: int) -> dict[str, Compared]:
+def judged(chain: Chain, place: int) -> dict[str, Compared]:
     """All candidates in one window left out."""
-    others = [window for k, window in enumerate(windows) if k != place]
-    found = {}
+    window = chain.windows[place]
+    others = tuple(other for other in chain.windows if other is not window)
+    scores = {}
     for name, candidate in CANDIDATES.items():
         try:
-            found[name] = compared(candidate(others), windows[place])
+            scores[name] = compared(candidate(others), window)
         except (AccpinnError, ValueError, np.linalg.LinAlgError):
-            found[name] = Compared(np.nan, np.nan)
-    return found
+            scores[name] = NOTHING
+    return scores
 
 
-@cache
-def _columns() -> str:
-    return "| candidate | rms [dB] | peak [dB] | rms − that of the first [dB] |\n|---|---|---|---|"
-
-
-def main() -> None:
-    """Print the table."""
-    platoons = platoons_of(sys.argv[1])
-    tasks = [(key, windows, k) for key, windows in platoons.items() for k in range(len(windows))]
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        rows = list(pool.map(judged, *zip(*[task[1:] for task in tasks], strict=True)))
-    keys = [key for key, *_ in tasks]
-    print(f"{len(tasks)} windows of {len(platoons)} platoons: {', '.join(map(' '.join, platoons))}")
-    print(_columns())
-    first = np.array([row[next(iter(CANDIDATES))].rms for row in rows])
+def print_table(chains: Sequence[Chain], scores: Sequence[dict[str, Compared]]) -> None:
+    """Print a row a candidate: medians over windows, and the paired difference."""
+    first = np.array([row[next(iter(CANDIDATES))].rms for row in scores])
+    print("| candidate | windows | rms [dB] | peak [dB] | \\|peak\\| [dB] | rms − first [dB] |")
+    print("|---|---|---|---|---|---|")
     for name in CANDIDATES:
-        rms, peak = np.array([row[name] for row in rows]).T
+        rms, peak = np.array([row[name] for row in scores]).T
         seen = np.isfinite(rms) & np.isfinite(first)
         if not seen.any():
             continue
-        chosen = [key for key, is_seen in zip(keys, seen, strict=True) if is_seen]
-        mean, error = over_cars(chosen, (rms - first)[seen])
+        keys = [chain.platoon for chain, is_seen in zip(chains, seen, strict=True) if is_seen]
+        mean, error = over_cars(keys, (rms - first)[seen])
         print(
-            f"| {name} | {np.median(rms[seen]):.2f} | {np.median(peak[seen]):+.1f}"
-            f" | {mean:+.2f} ± {error:.2f} |"
+            f"| {name} | {seen.sum()} | {np.median(rms[seen]):.2f} | {np.median(peak[seen]):+.1f}"
+            f" | {np.median(abs(peak[seen])):.1f} | {mean:+.2f} ± {error:.2f} |"
         )
+
+
+def main() -> None:
+    """Print both tables: of whole platoons, and of all chains within them."""
+    chains = [chain for folder in sys.argv[1:] for chain in chains_of(folder)]
+    tasks = [(chain, place) for chain in chains for place in range(len(chain.windows))]
+    if WORKERS > 1:
+        with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+            scores = list(pool.map(judged, *zip(*tasks, strict=True)))
+    else:
+        scores = [judged(*task) for task in tasks]
+    for title, chosen in (
+        ("Whole platoons", [k for k, (chain, _) in enumerate(tasks) if chain.is_whole]),
+        ("All chains of two followers or more", [*range(len(tasks))]),
+    ):
+        rows, parts = [scores[k] for k in chosen], [tasks[k] for k in chosen]
+        print(f"{title}: {len({chain.platoon for chain, _ in parts})} platoons\n")
+        print_table([chain for chain, _ in parts], rows)
+        left = [noise(chain.windows[place]) for chain, place in parts]
+        print(f"| random error alone | {len(left)} | {np.median(left):.2f} | | | |\n")
 
 
 if __name__ == "__main__":

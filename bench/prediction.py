@@ -136,7 +136,10 @@ REFERENCE, JOINT = f"{PAPER}, likelihood", f"{BEST}, likelihood"
 SOURCES: Mapping[str, Predictor] = {
     "constant time gap": constant_time_gap,
     **{f"{m}, likelihood": partial(driven, likelihood, m) for m in (PAPER, "cthp-s0", BEST)},
-    **{f"{m}, simulation": partial(driven, simulation, m) for m in ("cthp-s0", "idm", "fvdm")},
+    **{
+        f"{model}, simulation": partial(driven, simulation, model)
+        for model in ("cthp-s0", "unequal", "idm", "fvdm")
+    },
 }
 JOINTS = tuple(name for name in SOURCES if name.endswith(("likelihood", "simulation")))
 """Sources that maximise one criterion of all windows."""

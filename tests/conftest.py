@@ -5,18 +5,17 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 from hypothesis import settings
 
-from accpinn.methods.registry import METHODS, VARIANTS
-from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
 from accpinn.storage import FolderName, variable
 from accpinn.study.store import Store
 from tests.support import draws
+from tests.support.registries import restored
 
 # The same examples on every run, and no time limit an example: machines and their load differ.
 settings.register_profile("house", derandomize=True, deadline=None)
@@ -114,9 +113,5 @@ def all_draws() -> Iterator[None]:
 @pytest.fixture
 def registries() -> Iterator[None]:
     """What a test registers, models and methods, is forgotten behind it."""
-    registered: tuple[dict[str, Any], ...] = (METHODS, VARIANTS, FOLLOWING, TITLES)
-    kept = [dict(registry) for registry in registered]
-    yield
-    for registry, before in zip(registered, kept, strict=True):
-        registry.clear()
-        registry.update(before)
+    with restored():
+        yield

@@ -44,8 +44,9 @@ from accpinn.results.documents import (
     notes,
 )
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.estimate import about_estimate, about_point, cards
+from accpinn.results.messages.estimate import about_estimate, cards
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.naming import about_point, name_of
 from accpinn.results.progress import progress_bar
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
@@ -54,7 +55,6 @@ from accpinn.results.tables.estimates import (
     methods_table,
     model_form_table,
     model_parameters_table,
-    name_of,
     parameter_table,
     starts_table,
     windows_table,

@@ -1,5 +1,6 @@
 """Probabilities of string stability, gains and bands from the draws of an estimate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -92,34 +93,56 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
+def platoon_band(uncertainty: Uncertainty, order: Sequence[int], omega: FloatArray) -> Interval:
+    """The interval of Π |H(jω)| along a platoon at (K,) ω in rad/s above zero.
+
+    The order is the place of each of its vehicles, from 0. The ends are nan where a vehicle is not
+    determined.
+    """
+    if np.isnan(uncertainty.draws.alpha[:, [*order]]).any():
+        return Interval(*np.full((2, len(omega)), np.nan))
+    gains = _along(uncertainty.draws, order, omega)
+    return Interval(*interval_ends(gains, uncertainty.level))
+
+
 def growth(
     uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond | None = None
 ) -> tuple[float, float]:
     """The interval of Π |H(jω)|, the growth of a disturbance from the leader to the last follower.
 
     The order is the place of each vehicle of the platoon, from 0; one may be repeated. ω is in
-    rad/s and above zero; None is where the disturbance grows most. In Case I a draw is one of the
-    platoon; otherwise the followers' draws are independent. The ends are infinite behind a vehicle
-    that is not damped, and nan where a vehicle is not determined.
+    rad/s and above zero; None is where the disturbance grows most. The ends are infinite behind a
+    vehicle that is not damped, and nan where a vehicle is not determined.
     """
-    draws, rng = uncertainty.draws, np.random.default_rng(0)
-    shared = bool((draws.everything == draws.everything[:, :1]).all())
+    draws = uncertainty.draws
     if np.isnan(draws.alpha[:, [*order]]).any():
         return np.nan, np.nan
-    tops = peaks(draws)
-    amplified = tops.omega[tops.omega > 0]
+    tops = peaks(draws).omega
+    amplified = tops[tops > 0]
     if omega is None and not amplified.size:
         return 1.0, 1.0
     at = np.array([omega])
     if omega is None:
         at = np.geomspace(0.5 * amplified.min(), amplified.max(), FREQUENCIES)
-    whole = np.ones((len(draws.alpha), 1))
-    for k in sorted({*order}):
-        gain = np.where(np.isinf(tops.gain[:, k, None]), np.inf, np.abs(response(draws[:, k], at)))
-        whole = whole * (gain if shared else rng.permutation(gain)) ** order.count(k)
+    whole = _along(draws, order, at)
     largest = whole[:, 0] if omega else np.maximum(whole.max(axis=1), 1.0)
     lower, upper = interval_ends(largest, uncertainty.level)
     return float(lower), float(upper)
+
+
+def _along(draws: Parameters, order: Sequence[int], omega: FloatArray) -> FloatArray:
+    """(n, K) the product of the gains of vehicles, infinite behind one that is not damped.
+
+    In Case I a draw is one of the platoon; otherwise the followers' draws are independent.
+    """
+    rng, tops = np.random.default_rng(0), peaks(draws).gain
+    shared = bool((draws.everything == draws.everything[:, :1]).all())
+    whole = np.ones((len(draws.alpha), len(omega)))
+    for k in sorted({*order}):
+        undamped = np.isinf(tops[:, k, None])
+        gain = np.where(undamped, np.inf, np.abs(response(draws[:, k], omega)))
+        whole = whole * (gain if shared else rng.permutation(gain)) ** [*order].count(k)
+    return whole
 
 
 def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertainty:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from accpinn.findings import capital, joined, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import FOLLOWING, TITLES
-from accpinn.results.description import EXTRAPOLATED, Value
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.results.tables.estimates import cell_of, columns_of, gap_column
 from accpinn.storage import csv_cell
 from accpinn.study.batch import BatchProgress
+from accpinn.study.description import EXTRAPOLATED, Value
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request

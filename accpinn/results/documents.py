@@ -22,13 +22,14 @@ from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
-from accpinn.results.description import about_point, describe, incidents, name_of
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.summary import recommended_of
+from accpinn.results.naming import about_point, name_of
 from accpinn.results.tables.estimates import gains_and_own_columns
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
+from accpinn.study.description import describe
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.next_drive import NextDrive
 from accpinn.study.result import Result
@@ -258,26 +259,27 @@ def _card(snapshot: Result, k: int) -> dict[str, Any]:
 
 def answer_document(result: Result) -> list[dict[str, Any]]:
     """An estimate with a posterior as every document has it, one entry a follower."""
-    description, known, rows = describe(result), result.posterior, []
-    assert known is not None  # as the caller knows
+    description, posterior, rows = describe(result), result.posterior, []
+    assert posterior is not None  # as the caller knows
     for k, speed in enumerate(result.estimate.speeds.tolist()):
-        row = description.row(k)
-        trusted = msgspec.structs.asdict(row.trust)
+        follower = description.follower(k)
+        trusted = msgspec.structs.asdict(follower.trust)
         del trusted["vehicle"]
-        trusted |= {"reproduced": row.trust.is_reproduced, "in_words": row.trust.in_words}
-        gaps = {f"{at * 3.6:.0f}": gap.span for at, gap in row.gaps.items()}
+        trusted["reproduced"] = follower.trust.is_reproduced
+        trusted["in_words"] = follower.trust.in_words
+        gaps = {f"{at * 3.6:.0f}": gap.span for at, gap in follower.time_gaps.items()}
         rows.append(
             {
                 "model": result.estimate.model,
                 **_spans(
-                    {name: value.span for name, value in row.known[1].items()},
-                    gaps | {"median": row.at_median[row.places.index(k)][2]},
+                    {name: value.span for name, value in follower.values.parameters.items()},
+                    gaps | {"median": follower.at_median[follower.places.index(k)][2]},
                 ),
                 "median_speed": speed,
                 "windows": len(description.infos),
-                "windows_differ_p": float(known.differ[k]),
+                "windows_differ_p": float(posterior.differ[k]),
                 "trust": trusted,
-                "level": known.level,
+                "level": posterior.level,
             }
         )
     return _of_followers(description.info, rows)

@@ -6,12 +6,11 @@ each, with its numbers, is a text that is shown on hover.
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from math import isfinite, isnan, nan
+from math import isfinite, nan
 
 from accpinn.findings import capital, percent, probability
-from accpinn.methods.estimate import SPEEDS, Span
+from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import TITLES
-from accpinn.results.description import EXTRAPOLATED, Description, Row, describe
 from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.messages.stability import (
     becomes,
@@ -20,11 +19,18 @@ from accpinn.results.messages.stability import (
     reason,
 )
 from accpinn.results.messages.summary import unfinished
-from accpinn.results.objections import Objection, against_model
+from accpinn.results.naming import about_point, name_of
+from accpinn.results.objections import Objection, against_model, objections
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.stability import Assessment, Verdict, assessment
-from accpinn.study.vehicles import AssessedVehicles
-from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
+from accpinn.stability import Assessment, Verdict
+from accpinn.study.description import (
+    EXTRAPOLATED,
+    Description,
+    FollowerDescription,
+    describe,
+)
+from accpinn.study.vehicles import AssessedVehicles, NormAssessment
+from accpinn.units import MetresPerSecond, Quantity
 
 UNKNOWN = Quantity(nan, nan, nan)
 NO_RECORDING = "These parameters were not held against a recording."
@@ -118,129 +124,119 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
     if subject.result is None:
         rows = tuple(_row(subject, k, None) for k in range(len(vehicles)))
         for k, (result, place) in enumerate(subject.cars):
-            trust = _trust(subject, k, describe(result).row(place))
+            trust = _trust(subject, k, describe(result).follower(place))
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
         point = "" if subject.uncertainty else POINTS
         about = tuple(filter(None, (vehicles.title, *models, point)))
         return Strip(rows, leader, SPEEDS[-1], about, next_to_stable(subject))
-    known = description or describe(subject.result)
-    places = [min(row.places[0], len(vehicles) - 1) for row in known.rows]
-    rows = tuple(_row(subject, k, row) for k, row in zip(places, known.rows, strict=True))
-    speed, about = known.estimate.stated_speed, _about(subject, known)
+    description = description or describe(subject.result)
+    rows = tuple(_row(subject, each.place, each) for each in description.followers)
+    speed, about = description.estimate.stated_speed, _about(subject, description)
     return Strip(rows, leader, speed, about, next_to_stable(subject))
 
 
-def _about(subject: AssessedVehicles, known: Description) -> tuple[str, ...]:
-    seconds = sum(part.window.duration for part in known.infos)
-    windows = "1 window" if len(known.infos) == 1 else f"{len(known.infos)} windows"
+def _about(subject: AssessedVehicles, description: Description) -> tuple[str, ...]:
+    estimate, infos = description.estimate, description.infos
+    seconds = sum(part.window.duration for part in infos)
+    windows = "1 window" if len(infos) == 1 else f"{len(infos)} windows"
     linear = f"linearised at {3.6 * subject.speed:.0f} km/h" if subject.speed else ""
-    case = f"Case {known.estimate.case}" if known.info.followers > 1 else ""
-    model = TITLES[known.estimate.model]
-    parts = known.method, model, linear, f"{windows}, {seconds:,.0f} s", case, known.point
+    case = f"Case {estimate.case}" if description.info.followers > 1 else ""
+    parts = (
+        name_of(estimate, with_model=False), TITLES[estimate.model], linear,
+        f"{windows}, {seconds:,.0f} s", case, about_point(estimate),
+    )  # fmt: skip
     return tuple(filter(None, parts))
 
 
-def _row(subject: AssessedVehicles, place: int, row: Row | None) -> StripRow:
+def _row(subject: AssessedVehicles, place: int, follower: FollowerDescription | None) -> StripRow:
     vehicles = subject.vehicles
-    number = vehicles.vehicles[place + 1] if row is None else row.number
     # Where all followers share their parameters, the first of them stands for all.
-    is_shared = row is not None and row.number == 0
+    is_shared = follower is not None and follower.number == 0
     return StripRow(
         place,
-        number,
+        vehicles.vehicles[place + 1] if follower is None else follower.number,
         EVERY_FOLLOWER if is_shared else vehicles.labels[place],
-        _time_gap(subject, place, row),
+        _time_gap(subject, place, follower),
         _growth(subject, place),
         *_marks(subject, place),
-        _trust(subject, place, row),
+        _trust(subject, place, follower),
     )
 
 
-def _time_gap(subject: AssessedVehicles, place: int, row: Row | None) -> Estimated:
+def _time_gap(
+    subject: AssessedVehicles, place: int, follower: FollowerDescription | None
+) -> Estimated:
     """The time gap at the speed that an estimate states, or at the highest of those."""
-    if row is None:
-        gap, speed = _gap_of(subject, place), SPEEDS[-1]
-        level = subject.uncertainty.level if subject.uncertainty else None
-        why = f"Time gap: {time_gap_in_words(gap, speed, level)}."
-        return Estimated(gap, why)
-    value, speed = row.known[0], row.trust.speed
-    if not row.is_determined:
+    level = subject.uncertainty.level if subject.uncertainty else None
+    if follower is None:
+        gap, speed = subject.time_gap(place, SPEEDS[-1]), SPEEDS[-1]
+        return Estimated(gap, f"Time gap: {time_gap_in_words(gap, speed, level)}.")
+    if not follower.is_determined:
         return Estimated(UNKNOWN, "The data do not determine the time gap.")
-    known = subject.uncertainty
-    said = [f"Time gap: {time_gap_in_words(value.span, speed, known.level if known else None)}."]
-    further: Span = value.span
-    if isfinite(further.further_lower):
-        said += [f"In a further drive: {further.further_lower:.2f}–{further.further_upper:.2f} s."]
-    is_extrapolated = value.note == EXTRAPOLATED
-    said += [f"{capital(EXTRAPOLATED)}."] * is_extrapolated
-    said += [] if value.span.is_inside else ["The estimate lies outside its interval."]
-    return Estimated(value.span, " ".join(said), is_extrapolated)
-
-
-def _gap_of(subject: AssessedVehicles, place: int) -> Quantity:
-    """The time gap of a vehicle of no result, or of several."""
-    known, speed = subject.uncertainty, SPEEDS[-1]
-    value = float(subject.vehicles.parameters[place].time_gap(speed))
-    if known is None:
-        return Quantity(value, nan, nan)
-    lower, upper = interval_ends(known.draws[:, place].time_gap(speed), known.level)
-    return Quantity(value, float(lower), float(upper))
+    value, speed = follower.values.time_gap, follower.result.estimate.stated_speed
+    span, is_extrapolated = value.span, value.note == EXTRAPOLATED
+    sentences = [f"Time gap: {time_gap_in_words(span, speed, level)}."]
+    if isfinite(span.further_lower):
+        further = f"{span.further_lower:.2f}–{span.further_upper:.2f}"
+        sentences.append(f"In a further drive: {further} s.")
+    if is_extrapolated:
+        sentences.append(f"{capital(EXTRAPOLATED)}.")
+    if not span.is_inside:
+        sentences.append("The estimate lies outside its interval.")
+    return Estimated(span, " ".join(sentences), is_extrapolated)
 
 
 def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     """The largest gain of a vehicle, and where disturbances grow most."""
-    if not subject.has_report or subject.assessed[place] == "not determined":
-        return Estimated(UNKNOWN, NOT_DETERMINED)
-    gain, lower, upper = subject.report.vehicles[place].peak.gain, nan, nan
-    if known := subject.uncertainty:
-        ends = known.peak_gain
-        lower, upper = float(ends.lower[place]), float(ends.upper[place])
+    l2 = subject.assessed[place].l2
+    if l2.assessment == "not determined":
+        return Estimated(l2.gain, NOT_DETERMINED)
     label = subject.vehicles.labels[place]
-    return Estimated(
-        Quantity(gain, lower, upper), becomes(subject, [place], label, is_headline=True)
-    )
+    return Estimated(l2.gain, becomes(subject, [place], label, is_headline=True))
 
 
 def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:
     """By L₂ and by the exact L∞ criterion."""
-    known = subject.uncertainty
-    if not subject.has_report:
-        nothing = StabilityMark("not determined", known is None, NOT_DETERMINED)
+    assessed, is_point = subject.assessed[place], subject.uncertainty is None
+    stability = assessed.stability
+    if stability is None:
+        nothing = StabilityMark("not determined", is_point, NOT_DETERMINED)
         return nothing, nothing
-    vehicle = subject.report.vehicles[place]
 
-    def mark(
-        name: str, verdict: Verdict, shares: FloatArray | None, margin: str = ""
-    ) -> StabilityMark:
-        why = f"{reason(verdict, vehicle)} {margin}".rstrip()
-        if shares is None:
-            said: Assessment = "stable" if verdict.stable else "unstable"
-            return StabilityMark(said, True, f"{capital(verdict.word)} by these parameters. {why}")
-        share = float(shares[place])
-        if isnan(share):
-            return StabilityMark("not determined", False, NOT_DETERMINED)
-        odds = f"Probability of {name} string stability: {probability(share)}."
-        return StabilityMark(assessment(share), False, f"{odds} {why}")
+    def mark(name: str, norm: NormAssessment, verdict: Verdict, margin: str = "") -> StabilityMark:
+        if norm.assessment == "not determined":
+            return StabilityMark(norm.assessment, is_point, NOT_DETERMINED)
+        basis = f"{capital(verdict.word)} by these parameters."
+        if norm.probability is not None:
+            basis = f"Probability of {name} string stability: {probability(norm.probability)}."
+        why = f"{basis} {reason(verdict, stability)} {margin}".rstrip()
+        return StabilityMark(norm.assessment, is_point, why)
 
-    l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
-    margin = margin_in_words(subject.l2_margins[place])
-    return mark("L₂", vehicle.l2, l2, margin), mark("L∞", vehicle.linf_exact, linf)
+    return (
+        mark("L₂", assessed.l2, stability.l2, margin_in_words(subject.l2_margins[place])),
+        mark("L∞", assessed.linf, stability.linf_exact),
+    )
 
 
-def _trust(subject: AssessedVehicles, place: int, row: Row | None) -> TrustMark:
-    found = [*_objections(subject, place, row)]
-    sentences = [*dict.fromkeys(objection.sentence for objection in found)]
-    brief = tuple(dict.fromkeys(objection.brief for objection in found))
-    if found:
-        rest = [row.trust.in_words] if row and not row.trust.is_contradicted else []
-        return TrustMark(False, brief, " ".join([*sentences, *rest]))
-    if row is None:
+def _trust(
+    subject: AssessedVehicles, place: int, follower: FollowerDescription | None
+) -> TrustMark:
+    against = [*_objections(subject, place, follower)]
+    sentences = [*dict.fromkeys(objection.sentence for objection in against)]
+    brief = tuple(dict.fromkeys(objection.brief for objection in against))
+    if against:
+        if follower and not follower.trust.is_contradicted:
+            sentences.append(follower.trust.in_words)
+        return TrustMark(False, brief, " ".join(sentences))
+    if follower is None:
         return TrustMark(None, (), NO_RECORDING)
-    return TrustMark(True, (), row.trust.in_words)
+    return TrustMark(True, (), follower.trust.in_words)
 
 
-def _objections(subject: AssessedVehicles, place: int, row: Row | None) -> Iterator[Objection]:
+def _objections(
+    subject: AssessedVehicles, place: int, follower: FollowerDescription | None
+) -> Iterator[Objection]:
     """What is against the estimate of a vehicle, who drives it included."""
     vehicles = subject.vehicles
     if any(vehicles.by_hand) and vehicles.by_hand[place]:
@@ -248,7 +244,7 @@ def _objections(subject: AssessedVehicles, place: int, row: Row | None) -> Itera
         yield Objection("driven by hand", f"Driven by hand for {percent(share)} of the time.")
     if subject.result and (missing := unfinished(subject.result.estimate)):
         yield Objection("training stopped", missing)
-    if row is None:
+    if follower is None:
         yield from against_model(subject, [vehicles.vehicles[place + 1]])
     else:
-        yield from row.objections
+        yield from objections(follower)

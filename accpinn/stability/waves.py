@@ -43,7 +43,7 @@ ROUNDS, CONVERGED = 60, 1e-10
 SIZES = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Amplitudes in m/s at which growth is taken, up to `LARGEST` of the mean speed."""
 LARGEST = 0.4
-SLOWEST, FASTEST, COARSE = 0.06, 1.0, 9
+SLOWEST, FASTEST, COARSE = 0.06, 1.0, 12
 """Frequencies in rad/s over which a wave's growth is the largest, and how many are taken."""
 NEAR_PEAK = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Those that are taken besides, by the frequency at which a small wave grows most."""
@@ -110,6 +110,13 @@ class LargestGrowth:
     """(A,) of the largest deviation below the mean speed."""
     accelerating: FloatArray
     """(A,) of the largest deviation above it."""
+    by_frequency: WaveGrowth
+    """The growth of waves of the size `usual` over their frequency."""
+
+    @property
+    def usual(self) -> MetresPerSecond:
+        """The size of a wave that is told in words."""
+        return float(self.amplitude[_nearest_usual(self.amplitude)])
 
     def at(self, amplitude: MetresPerSecond) -> tuple[float, float]:
         """The growth of a braking and of an accelerating wave of a size between those taken."""
@@ -134,10 +141,9 @@ class Waves(Displayed):
         """A line a vehicle."""
         lines = ["Growth of waves, each at the frequency at which it grows most"]
         for name, vehicle in zip(self.names, self.vehicles, strict=True):
-            size = min(USUAL, float(vehicle.amplitude[-1]))
-            braking, accelerating = vehicle.at(size)
+            braking, accelerating = vehicle.at(vehicle.usual)
             lines.append(
-                f"  {name}, ±{3.6 * size:.0f} km/h about {3.6 * vehicle.speed:.0f} km/h:"
+                f"  {name}, ±{3.6 * vehicle.usual:.0f} km/h about {3.6 * vehicle.speed:.0f} km/h:"
                 f" a braking wave {braking:.2f}-fold, an accelerating one {accelerating:.2f}-fold"
             )
         return "\n".join([*lines, "More: .to_frame(), .vehicles[0].harmonic"])
@@ -176,28 +182,40 @@ def waves(
     Raises:
         ParameterError: for a vehicle without an equilibrium at its speed.
     """
-    rows = zip(theta, speeds.tolist(), strict=True)
-    return Waves(tuple(largest_growth(model, *row) for row in rows), names, numbers)
+    rows = zip(theta.tolist(), speeds.tolist(), strict=True)
+    found = (largest_growth(model, tuple(row), speed) for row, speed in rows)
+    return Waves(tuple(found), names, numbers)
 
 
-def largest_growth(model: FollowingModel, theta: Values, speed: MetresPerSecond) -> LargestGrowth:
+@lru_cache(maxsize=64)  # pages ask for the same again and again
+def largest_growth(
+    model: FollowingModel, theta: tuple[float, ...], speed: MetresPerSecond
+) -> LargestGrowth:
     """The growth of waves of several sizes about a speed, each at the frequency of its largest.
 
     Raises:
         ParameterError: without an equilibrium at the speed.
     """
     sizes = np.array([size for size in SIZES if size <= max(LARGEST * speed, SIZES[0])])
-    if not np.isfinite(theta).all():
-        return LargestGrowth(speed, sizes, *np.full((3, len(sizes)), np.nan))
-    top = float(peaks(model.linearised(theta, speed)[None]).omega[0])
     omega = np.geomspace(SLOWEST, FASTEST, COARSE)
+    if not np.isfinite(theta).all():
+        none = np.full(len(omega), np.nan)
+        of_sizes, unknown = np.full(len(sizes), np.nan), WaveGrowth(omega, none, none, none)
+        return LargestGrowth(speed, sizes, of_sizes, of_sizes, of_sizes, unknown)
+    top = float(peaks(model.linearised(theta, speed)[None]).omega[0])
     if 0 < top < np.inf:
-        omega = np.append(omega, top * np.array(NEAR_PEAK))
+        omega = np.sort(np.append(omega, top * np.array(NEAR_PEAK)))
     found = [wave_growth(model, theta, speed, omega, size) for size in sizes]
     parts = np.array([[row.harmonic, row.braking, row.accelerating] for row in found])
     known = np.isfinite(parts)
     most = np.where(known.any(axis=2), parts.max(axis=2, initial=0.0, where=known), np.nan)
-    return LargestGrowth(speed, sizes, *most.T)
+    harmonic, braking, accelerating = most.T
+    usual = found[_nearest_usual(sizes)]
+    return LargestGrowth(speed, sizes, harmonic, braking, accelerating, usual)
+
+
+def _nearest_usual(sizes: FloatArray) -> int:
+    return int(np.abs(sizes - USUAL).argmin())
 
 
 def steady_wave(

@@ -7,6 +7,7 @@ keeps its key.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -261,7 +262,10 @@ def single_window(start: Seconds = 0.0, duration: Seconds = DURATION) -> tuple[W
     """
     _require(start, Real, "start", "seconds, as 0")
     _require(duration, Real, "duration", "seconds, as 300")
-    return (Window(start, start + duration),)
+    try:
+        return (Window(float(start), float(start + duration)),)
+    except OverflowError:
+        return (Window(math.inf, math.inf),)  # in no recording
 
 
 def _settings(method: str, given: Any) -> dict[str, Any]:

@@ -25,9 +25,10 @@ from accpinn.evaluation import Evaluation, cross_validate, evaluate
 from accpinn.evaluation.closed_loop import ClosedLoop, closed_loop
 from accpinn.findings import Finding
 from accpinn.inference.coordinates import AT_SPEED, coordinates_of
-from accpinn.inference.gain_check import GainCheck, gain_checks
+from accpinn.inference.gain_check import GainCheck, gain_checks, platoon_check
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws
+from accpinn.inference.measured_growth import Growth, growth_along
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.trust import Trust, trust
@@ -53,7 +54,7 @@ from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response, transfer_function
 from accpinn.stability.margin import Margins, margins
-from accpinn.stability.measured_gain import MeasuredGain, measured_gain
+from accpinn.stability.measured_gain import MeasuredGain, head_to_tail_gain, measured_gain
 from accpinn.stability.waves import Waves, waves
 from accpinn.stability.what_if import WhatIf
 from accpinn.study import Analysis
@@ -266,16 +267,69 @@ class Result(Displayed):
         return gain_checks(self.segments, self.uncertainty) if self.uncertainty else ()
 
     @cached_property
+    def platoon_check(self) -> GainCheck | None:
+        """The product of the cars' |H| beside the gain from the leader to the last of them.
+
+        None for a point, for one follower, and where a follower is not determined.
+        """
+        known = self.uncertainty
+        return platoon_check(self.segments, known) if known and self.segments else None
+
+    @cached_property
     def measured_gains(self) -> tuple[MeasuredGain | None, ...]:
-        """Each follower's gain by Welch's method, from all windows; None where too short."""
+        """Each follower's gain by Welch's method, from all windows; None where too short.
+
+        It is measured beside the estimate's response; see `stability.measured_gain`.
+        """
 
         def measured(follower: int) -> MeasuredGain | None:
             try:
-                return measured_gain(self.segments, follower)
+                model = self.parameters[[follower]]
+                return measured_gain(self.segments, follower, reference=model)
             except SegmentError:
                 return None
 
         return tuple(map(measured, range(self.info.followers)))
+
+    @cached_property
+    def head_to_tail_gain(self) -> MeasuredGain | None:
+        """The gain from the leader to the last follower, likewise; None where too short."""
+        try:
+            return head_to_tail_gain(self.segments, reference=self.parameters)
+        except SegmentError:
+            return None
+
+    @checked_method
+    def measured_growth(self, order: Sequence[int] | None = None) -> Growth | None:
+        """How disturbances grow along a platoon: measured where the data hold it, else modelled.
+
+        Args:
+            order: the place of each car of the platoon, 0 for the first follower; by default all
+                followers in their order.
+
+        Returns:
+            The gain over frequency with its band, beside the model's; None where the data are not
+            at hand, or a car's model has no bounded gain.
+
+        Raises:
+            ParameterError: for a follower that there is not.
+
+        Examples:
+            >>> import accpinn
+            >>> result = accpinn.fit(accpinn.sample("motorway"), vehicles="1-3", method="splines")
+            >>> growth = result.measured_growth()
+            >>> growth.peak.value > 1, growth.is_peak_measured
+            (True, True)
+        """
+        places = range(self.info.followers) if order is None else tuple(order)
+        if not places or not all(place in range(self.info.followers) for place in places):
+            raise ParameterError(
+                f"order: {shown(order)} is not allowed; choose followers from 0 to"
+                f" {self.info.followers - 1}."
+            )
+        if not self.segments:
+            return None
+        return growth_along([self.measured_gains[k] for k in places], self.parameters[[*places]])
 
     @property
     def _known_posterior(self) -> Posterior:

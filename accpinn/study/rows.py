@@ -8,16 +8,13 @@ from typing import Any
 import numpy as np
 
 from accpinn.channels import PARAMETER_KEYS, by_key
-from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.methods.registry import variant_name
-from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, SHIPPED
 from accpinn.recordings import unnamed
 from accpinn.recordings.openacc import make_and_model
-from accpinn.stability import stability_report
-from accpinn.stability.margin import l2_margins
 from accpinn.storage import packaged_rows
+from accpinn.study.description import describe
 from accpinn.study.result import Result
 from accpinn.units import nanmean
 
@@ -63,7 +60,8 @@ def rows_of(
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
         mode_sources: (M,) as `plan` gives them.
     """
-    found, known, evaluation = result.estimate, result.uncertainty, result.evaluation
+    estimate, uncertainty, evaluation = result.estimate, result.uncertainty, result.evaluation
+    description = describe(result)
     (segment,) = result.segments
     collisions = collision_times(evaluation.findings, segment.vehicles)
     speeds = segment.measured_speeds[:, 1:]
@@ -73,17 +71,19 @@ def rows_of(
         "start": segment.window.start,
         "duration": segment.window.duration,
         "leader": segment.vehicles[0],
-        "method": variant_name(found.method, found.settings),
-        "case": found.case,
-        "following_model": found.model,
-        "level": found.level,
-        "outcome": found.outcome.name.lower(),
-        "seconds": found.seconds,
+        "method": variant_name(estimate.method, estimate.settings),
+        "case": estimate.case,
+        "following_model": estimate.model,
+        "level": estimate.level,
+        "outcome": estimate.outcome.name.lower(),
+        "seconds": estimate.seconds,
     }
-    lacking = l2_margins(found.parameters, *((known.draws, known.level) if known else ()))
+    lacking = description.vehicles.l2_margins
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
+        stability = description.vehicles.assessed[k]
+        verdicts = stability.stability
         row = shared | {
             "vehicle": number,
             "name": name,
@@ -91,29 +91,35 @@ def rows_of(
             "model": model,
             "mode": "ACC" if mode_sources[k] else "unknown",
             "mode_source": mode_sources[k],
-            "p_l2_stable": known.probability_l2[k] if known else None,
-            "p_linf_stable": known.probability_linf[k] if known else None,
+            "p_l2_stable": stability.l2.probability,
+            "p_linf_stable": stability.linf.probability,
+            "l2_stable": verdicts and verdicts.l2.stable,
+            "linf_stable": verdicts and verdicts.linf_exact.stable,
+            "linf_gain": verdicts and verdicts.linf_gain,
             **{
-                name: found.values(found.parameters, name)[k] if name in found.names else None
+                name: estimate.values(estimate.parameters, name)[k]
+                if name in estimate.names
+                else None
                 for name in FURTHER
             },
             "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
-            "median_speed": found.speeds[k],
+            "median_speed": estimate.speeds[k],
             "lowest_speed": float(np.nanmin(speeds[:, k])),
             "highest_speed": float(np.nanmax(speeds[:, k])),
             "speed_deviation": float(np.nanstd(speeds[:, k])),
             "surrogate_mae": _gap_error(evaluation.surrogate, k),
             "closed_loop_mae": _gap_error(evaluation.closed_loop, k),
             "collision_time": collisions[k],
-            **_verdicts(found.parameters[k]),
-            **{f"margin_l2{ending}": getattr(lacking[k].distance, name)
-               for ending, name in (("", "value"), ("_low", "lower"), ("_high", "upper"))},
-        }  # fmt: skip
+            **{
+                f"margin_l2{ending}": getattr(lacking[k].distance, name)
+                for ending, name in (("", "value"), ("_low", "lower"), ("_high", "upper"))
+            },
+        }
         for ending, values in (
-            ("", found.parameters[k].values),
-            ("_low", known.lower[k].values if known else [None] * 3),
-            ("_high", known.upper[k].values if known else [None] * 3),
+            ("", estimate.parameters[k].values),
+            ("_low", uncertainty.lower[k].values if uncertainty else [None] * 3),
+            ("_high", uncertainty.upper[k].values if uncertainty else [None] * 3),
         ):
             row |= {f"{key}{ending}": value for key, value in by_key(values).items()}
         rows.append({column.name: _plain(row[column.name]) for column in COLUMNS})
@@ -122,19 +128,6 @@ def rows_of(
 
 def _gap_error(errors: TrackingErrors | None, follower: int) -> float | None:
     return None if errors is None else float(errors.gap_mae[follower])
-
-
-def _verdicts(parameters: Parameters) -> dict[str, Any]:
-    """Verdicts as the command `stability` gives them; None where the parameters allow none."""
-    try:
-        (vehicle,) = stability_report(parameters).vehicles
-    except ParameterError:
-        return dict.fromkeys(("l2_stable", "linf_stable", "linf_gain"))
-    return {
-        "l2_stable": vehicle.l2.stable,
-        "linf_stable": vehicle.linf_exact.stable,
-        "linf_gain": vehicle.linf_gain,
-    }
 
 
 def _plain(value: Any) -> Any:

@@ -20,7 +20,6 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import nan
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,12 +28,12 @@ import numpy as np
 
 from accpinn.arguments import checked_method
 from accpinn.errors import SnapshotError
-from accpinn.inference.typical import interval_ends_of
 from accpinn.methods.estimate import Checkpoint
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, read_arrays, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study import Analysis
+from accpinn.study.description import describe
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SCHEMA, SUFFIX, read, read_file, to_bytes
 from accpinn.units import MetresPerSecond, Quantity, Seconds
@@ -125,11 +124,9 @@ class Entry:
     @classmethod
     def of(cls, name: str, result: Result) -> "Entry":
         """The entry of a result in a file of that name."""
-        info, found = result.info, result.estimate
-        posterior = found.posterior
-        lower, upper = map(_rows, interval_ends_of(posterior)) if posterior else ((), ())
-        count = 1 if info.shares(found.case) else info.followers
-        gaps = [found.time_gap(found.stated_speed, k) for k in range(count)]
+        description = describe(result)
+        info, estimate, ends = result.info, result.estimate, result.uncertainty
+        gaps = [follower.values.time_gap.span for follower in description.followers]
         return cls(
             id=name,
             name=result.name,
@@ -141,16 +138,16 @@ class Entry:
             window=", ".join(str(info.window) for info in result.infos),
             vehicles=info.labels,
             numbers=info.vehicles,
-            method=found.method,
-            preset=str(found.settings.get("preset", "")),
-            model=found.model,
-            case=found.case,
+            method=estimate.method,
+            preset=str(estimate.settings.get("preset", "")),
+            model=estimate.model,
+            case=estimate.case,
             parameters=_rows(result.parameters),
-            lower=lower,
-            upper=upper,
+            lower=_rows(ends.lower) if ends else (),
+            upper=_rows(ends.upper) if ends else (),
             time_gaps=tuple(Quantity(gap.value, gap.lower, gap.upper) for gap in gaps),
-            growths=_growths(result)[:count],
-            speed=found.stated_speed,
+            growths=tuple(follower.stability.l2.gain for follower in description.followers),
+            speed=estimate.stated_speed,
         )
 
     @property
@@ -165,19 +162,6 @@ class Entry:
         terms = words.casefold().split()
         begins = [len(term) >= SHORT_ID and self.id.startswith(term) for term in terms]
         return all(begun or term in self.words for term, begun in zip(terms, begins, strict=True))
-
-
-def _growths(result: Result) -> tuple[Quantity, ...]:
-    """The largest gain of each follower, with its interval where there are posterior samples."""
-    report, known = result.stability, result.uncertainty
-    if report is None:
-        return (Quantity(nan, nan, nan),) * result.info.followers
-    gains = np.array([vehicle.peak.gain for vehicle in report.vehicles])
-    if known is None:
-        return tuple(Quantity(gain, nan, nan) for gain in gains.tolist())
-    gains = np.where(np.isnan(known.probability_l2), nan, gains)
-    ends = known.peak_gain.lower.tolist(), known.peak_gain.upper.tolist()
-    return tuple(map(Quantity, gains.tolist(), *ends))
 
 
 def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:

@@ -7,28 +7,88 @@ they show the same.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isnan, nan
+from typing import Self
 
 import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, growth
+from accpinn.inference.intervals import LEVEL, Interval, Uncertainty, from_draws, growth
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Assessment, StabilityReport, assessment, stability_report
+from accpinn.stability import (
+    Assessment,
+    StabilityReport,
+    VehicleStability,
+    Verdict,
+    assessment,
+    stability_report,
+)
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.stability.margin import Margins, NormMargin, l2_margins, margins
 from accpinn.stability.modes import Modes, modes
 from accpinn.stability.waves import Waves, waves
 from accpinn.study.result import Result
-from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond
+from accpinn.units import (
+    FloatArray,
+    MetresPerSecond,
+    Quantity,
+    RadiansPerSecond,
+    interval_ends,
+)
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
+
+
+@dataclass(frozen=True)
+class NormAssessment:
+    """The string stability of one vehicle by one norm."""
+
+    assessment: Assessment
+    """By the share of posterior samples that are stable, or by the parameters alone."""
+    probability: float | None
+    """That share; None for a point."""
+    gain: Quantity
+    """max |H| by L₂ and ‖h‖₁ by L∞: 1 where nothing is amplified, infinite where a disturbance
+    grows without limit; all nan where it is not determined."""
+
+    @classmethod
+    def of(
+        cls,
+        verdict: Verdict | None,
+        gain: float,
+        place: int,
+        shares: FloatArray | None = None,
+        ends: Interval | None = None,
+    ) -> Self:
+        """From the verdict and gain of the vehicle in a place, and what samples (M,) say of all.
+
+        The verdict is None where the parameters allow none.
+        """
+        share = None if shares is None else float(shares[place])
+        if verdict is None or (share is not None and isnan(share)):
+            return cls("not determined", share, Quantity(nan, nan, nan))
+        if share is None or ends is None:
+            return cls("stable" if verdict.stable else "unstable", None, Quantity(gain, nan, nan))
+        lower, upper = float(ends.lower[place]), float(ends.upper[place])
+        return cls(assessment(share), share, Quantity(gain, lower, upper))
+
+
+@dataclass(frozen=True)
+class AssessedVehicle:
+    """The string stability of one vehicle, with intervals where it has a posterior."""
+
+    stability: VehicleStability | None
+    """That of the parameters; None where they allow none."""
+    l2: NormAssessment
+    linf: NormAssessment
+    """By the exact criterion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +129,28 @@ class AssessedVehicles:
             return False
 
     @cached_property
-    def assessed(self) -> tuple[Assessment, ...]:
-        """(M,) the verdict on each by its posterior where it is known."""
-        if not self.has_report:
-            return tuple("not determined" for _ in self.vehicles.labels)
-        if self.uncertainty:
-            return tuple(map(assessment, self.uncertainty.probability_l2.tolist()))
-        return tuple("stable" if v.l2.stable else "unstable" for v in self.report.vehicles)
+    def assessed(self) -> tuple[AssessedVehicle, ...]:
+        """(M,) the string stability of each, also where the parameters of others allow none."""
+        if self.has_report:
+            return tuple(map(self._assessed, range(len(self.vehicles)), self.report.vehicles))
+        found = (_stability_of(parameters) for parameters in self.vehicles.parameters)
+        return tuple(map(self._assessed, range(len(self.vehicles)), found))
+
+    def _assessed(self, place: int, stability: VehicleStability | None) -> AssessedVehicle:
+        drawn = self.uncertainty
+        if stability is None:
+            shares = (drawn.probability_l2, drawn.probability_linf) if drawn else (None, None)
+            nothing = [NormAssessment.of(None, nan, place, share) for share in shares]
+            return AssessedVehicle(None, *nothing)
+        l2 = (stability.l2, stability.peak.gain, place)
+        linf = (stability.linf_exact, stability.linf_gain, place)
+        if drawn is None:
+            return AssessedVehicle(stability, NormAssessment.of(*l2), NormAssessment.of(*linf))
+        return AssessedVehicle(
+            stability,
+            NormAssessment.of(*l2, drawn.probability_l2, drawn.peak_gain),
+            NormAssessment.of(*linf, drawn.probability_linf, drawn.linf_gain),
+        )
 
     @cached_property
     def margins(self) -> Margins:
@@ -94,6 +169,15 @@ class AssessedVehicles:
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
+
+    def time_gap(self, place: int, speed: MetresPerSecond) -> Quantity:
+        """The time gap in s of one vehicle (0 for the first), linearised, at a speed."""
+        value = float(self.vehicles.parameters[place].time_gap(speed))
+        if self.uncertainty is None:
+            return Quantity(value, nan, nan)
+        drawn = self.uncertainty.draws[:, place].time_gap(speed)
+        lower, upper = interval_ends(drawn, self.uncertainty.level)
+        return Quantity(value, float(lower), float(upper))
 
     @cached_property
     def waves(self) -> Waves | None:
@@ -169,6 +253,14 @@ class AssessedVehicles:
                     every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
             known = from_draws(there.parameters, Parameters.of(every), known.level)
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
+
+
+def _stability_of(parameters: Parameters) -> VehicleStability | None:
+    """The string stability of one vehicle; None where its parameters allow none."""
+    try:
+        return stability_report(parameters).vehicles[0]
+    except ParameterError:
+        return None
 
 
 def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:

@@ -22,8 +22,8 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking, tracking_of
 from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.summary import about_curves, agreement, conditional, recommended_of
+from accpinn.results.naming import name_of
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.estimates import name_of
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, spread_of
 from accpinn.study.result import Result

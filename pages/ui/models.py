@@ -7,10 +7,10 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
-from accpinn.results.description import brief
 from accpinn.results.figures import comparison as figures
 from accpinn.results.messages.estimate import true_model
 from accpinn.results.messages.summary import best_models, which_model
+from accpinn.results.naming import brief
 from accpinn.results.strip import strip_of
 from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of

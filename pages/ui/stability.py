@@ -269,7 +269,11 @@ def _show_waves(source: AssessedVehicles) -> None:
     waves = source.waves
     assert waves is not None  # as the tab is there for models that have some
     st.markdown(f"**{escape_markdown(words.waves_in_words(waves))}**")
-    show.chart(control.growth_by_size(source, waves), "stability_waves")
+    left, right = st.columns(2, gap="small")
+    with left:
+        show.chart(control.growth_by_frequency(source, waves), "stability_waves")
+    with right:
+        show.chart(control.growth_by_size(source, waves), "stability_waves_size")
     show.caption("Solid: braking waves; dashed: accelerating ones.", words.WAVES)
     show.downloads(tables.waves_table(waves), f"waves_{source.vehicles.title}".lower(), "waves")
 

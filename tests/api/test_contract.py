@@ -1,7 +1,5 @@
 """Promises to scripts: one default, frames, responses, platoons, own models and methods."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,12 +10,11 @@ import pytest
 
 import accpinn
 from accpinn import AccpinnError, Parameters, Result
-from accpinn.cli import main
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING, fingerprint
 from accpinn.results.marks import EXTRAPOLATED
 from accpinn.study.batch import batch
-from tests.support.command import ROOT, Capture, document
+from tests.support.command import Capture, document
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import recommended, trained, two_windows
 
@@ -294,23 +291,6 @@ class TestOwnModels:
         assert output["parameters"][0]["alpha"] == row.parameters.alpha[0]
         with pytest.raises(AccpinnError, match="package's own"):
             accpinn.register_method(METHODS["splines"])
-
-    def test_workers_of_a_batch_run_the_script(self, tmp_path: Path, capsys: Capture) -> None:
-        script = tmp_path / "own.py"
-        script.write_text(MODEL)
-        study = tmp_path / "study"
-        path = accpinn.sample_path("paper_study")
-        done = batch(path, study, window=60, methods=("simulation",), model=script, workers=1)
-        assert (done.failed, done.rows > 0) == (0, True)
-        again = batch(path, study, window=60, methods=("simulation",), model=script, workers=1)
-        assert again.finished == 0
-        code = f"from accpinn.cli import main; raise SystemExit(main(['table', {str(study)!r}]))"
-        other = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True,
-                               text=True, check=False)  # fmt: skip
-        assert other.returncode == 1
-        assert "linear is not known here" in other.stderr
-        assert main(["table", str(study), "--model", str(script), "--json"]) == 0
-        assert '"k"' in capsys.readouterr().out
 
     @pytest.mark.parametrize("text", ["1/0", "import accpinn", "syntax error", "\0"])
     def test_a_script_that_registers_nothing(self, text: str, tmp_path: Path) -> None:

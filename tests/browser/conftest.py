@@ -2,11 +2,12 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Error, Page, expect
 
 from tests.browser.running import PATIENCE_MS, exceptions, idle, installed, launched, watched
 from tests.support.server import FEW_DRAWS, running
@@ -21,20 +22,20 @@ STILL = """addEventListener("DOMContentLoaded", () => {
 })"""
 """Spinners and fading cost an eighth of the browser's time, and no journey looks at them."""
 
-LATE = ["TimeoutError", "Locator expected", "Page URL expected"]
-"""How a failure begins whose cause may be a busy machine: the page did not show something in time.
-An exception on the page, or a value that is wrong, is none of them."""
+OF_THE_BROWSER = [Error, r"^AssertionError: (Locator|Page)\b.* expected"]
+"""Failures whose cause may be a busy machine: the browser could not do something, or the page did
+not show something, in time. An exception on the page, or a value that is wrong, is none of them."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A journey on a page that was late is made once more, and counted as such in the summary.
+    """A journey that failed in the browser is made once more, and counted so in the summary.
 
     A browser's own waits end before the test's, and say for what.
     """
     here = Path(__file__).parent
     for item in items:
         if item.path.is_relative_to(here):
-            item.add_marker(pytest.mark.flaky(reruns=1, only_rerun=LATE))
+            item.add_marker(pytest.mark.flaky(reruns=1, only_rerun=OF_THE_BROWSER))
             item.add_marker(pytest.mark.timeout(600))
 
 
@@ -98,10 +99,17 @@ def opened(app: App, browser: Browser, tabs: list[tuple[Page, list[str]]]) -> It
         return page
 
     yield open_page
-    wrong = [text for page, faults in used for text in (*exceptions(page), *faults)]
-    for page, faults in used:
-        page.goto("/_stcore/health")  # ends the session
-        page.evaluate("localStorage.clear(); sessionStorage.clear()")
-        page.context.clear_cookies()
+    wrong = [text for _, faults in used for text in faults]
+    with suppress(Error):  # a tab that is gone has failed the test before
+        wrong += [text for page, _ in used for text in exceptions(page)]
+    for tab in used:
+        page, faults = tab
+        try:
+            page.goto("/_stcore/health")  # ends the session
+            page.evaluate("localStorage.clear(); sessionStorage.clear()")
+            page.context.clear_cookies()
+            page.emulate_media(color_scheme="light")
+        except Error:  # the next journey gets another one
+            tabs.remove(tab)
         faults.clear()
     assert wrong == []

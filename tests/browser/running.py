@@ -168,6 +168,15 @@ def go(page: Page, title: str) -> None:
     idle(page)
 
 
+LASTING = ":not([aria-label^='Help']):not([data-stale=true] *)"
+"""Neither the icon beside a button, "Help for ..", nor what the page is about to replace."""
+
+
+def button(page: Page, name: str | re.Pattern[str], exact: bool = False) -> Locator:
+    """The button of that name, or of which that is a part of the name."""
+    return page.get_by_role("button", name=name, exact=exact).and_(page.locator(LASTING))
+
+
 def number(page: Page, label: str) -> Locator:
     """A field for a number."""
     return page.get_by_role("spinbutton", name=label)

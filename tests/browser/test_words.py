@@ -6,12 +6,26 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from playwright.sync_api import Page, expect
 
 from accpinn.study.snapshot_library import Library
 from tests.browser.conftest import App, Open
-from tests.browser.running import TRAINING_MS, chart, go, idle, open_tab, upload, words
+from tests.browser.running import (
+    TRAINING_MS,
+    button,
+    chart,
+    choose,
+    go,
+    idle,
+    open_tab,
+    upload,
+    words,
+)
+from tests.support.openacc_files import csv, metadata
+from tests.support.samples import FOLDER, PLATOON
 
 pytestmark = pytest.mark.browser
 FOLD, PAGE = 150, 350
@@ -36,31 +50,23 @@ def require_few(counts: Counts) -> None:
         assert fold <= whole <= PAGE, (name, whole)
 
 
-def trained(page: Page, file: str, counts: Counts | None = None) -> None:
+def trained(page: Page, file: str = "") -> None:
     """A training of the sample, or of the windows of a real recording."""
-    if counts is not None:
-        counts["at first"] = len(words(page, is_fold=True)), len(words(page))
     if file:
         upload(page, Path(REAL or "") / file)
-        page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).click()
+        button(page, re.compile(r"Train on \d+ windows")).click()
     else:
-        page.get_by_role("button", name="Train a sample now").click()
-    page.get_by_role("button", name="Next: string stability").wait_for(timeout=LONGEST_MS)
+        button(page, "Train a sample now").click()
+    button(page, "Next: string stability").wait_for(timeout=LONGEST_MS)
     idle(page)
 
 
-@pytest.mark.parametrize(
-    ("start", "file"),
-    [
-        ("/", ""),
-        pytest.param("/Data", FOUR_CARS, marks=pytest.mark.skipif(not REAL, reason="no OpenACC")),
-    ],
-)
-def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -> None:
-    page = opened(start)
+def test_a_page_holds_few_words(opened: Open, app: App) -> None:
+    """With the recording of four followers where it is at hand, else with the sample."""
+    page = opened("/")
     page.set_viewport_size({"width": 1440, "height": 900})
-    counts: Counts = {}
-    trained(page, file, counts)
+    counts: Counts = {"at first": (len(words(page, is_fold=True)), len(words(page)))}
+    trained(page, FOUR_CARS if REAL else "")
     for title in ("Home", "Data"):
         go(page, title)
         shown = page.locator(".runs .strip-row").first if title == "Home" else (
@@ -80,15 +86,15 @@ def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -
             idle(page)
             counts[tab] = counts[title][0], len(words(page))
         if title == "Stability":
-            page.get_by_role("button", name="What if").click()
-            counts["What if"] = len(words(page, is_fold=True)), len(words(page))
+            button(page, "What if").click()
+            counts["What if"] = counts[title][0], len(words(page))
     go(page, "Snapshots")
-    save = page.get_by_role("button", name="Save", exact=True)
+    save = button(page, "Save", exact=True)
     save.wait_for()
     idle(page)
     counts["Snapshots"] = len(words(page, is_fold=True)), len(words(page))
     save.click()
-    page.get_by_role("button", name=re.compile("Verify")).wait_for()
+    button(page, re.compile("Verify")).wait_for()
     expect(page.locator(".js-plotly-plot").first).to_be_visible()
     idle(page)
     counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
@@ -96,8 +102,8 @@ def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -
     result = library.read(library.entries()[0].id)
     for k in range(MANY - 1):
         library.add(replace(result, name=f"{result.name}, {k}"))
-    page.get_by_role("button", name="All snapshots").click()
-    more = page.get_by_role("button", name=f"Show all {MANY}")
+    button(page, "All snapshots").click()
+    more = button(page, f"Show all {MANY}")
     more.wait_for()
     idle(page)
     counts["many snapshots"] = len(words(page, is_fold=True)), len(words(page))
@@ -106,23 +112,23 @@ def test_a_page_holds_few_words(opened: Open, app: App, start: str, file: str) -
     idle(page)
     counts["all snapshots"] = 1, len(words(page))
     page.set_viewport_size({"width": 1440, "height": 1000})
-    print(file or "sample", counts)
+    print(counts)
     require_few(counts)
 
 
-@pytest.mark.parametrize(
-    "file",
-    ["", pytest.param("Casale/part7.csv", marks=pytest.mark.skipif(not REAL, reason="no OpenACC"))],
-)
-def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
+def two_windows() -> bytes:
+    """Five cars of a sample for 140 s, the leader's speed missing for 5 s in their middle."""
+    drive = pd.read_csv(FOLDER / f"{PLATOON}.csv", skiprows=5, nrows=1400)
+    drive.loc[650:700, "Speed1"] = np.nan
+    return csv(drive, metadata([f"Maker{k}(Model {k})" for k in range(1, 6)]))
+
+
+def test_compare_and_database_hold_few_words(opened: Open) -> None:
     page = opened("/Data")
     page.set_viewport_size({"width": 1440, "height": 900})
-    if file:
-        upload(page, Path(REAL or "") / file)
-        page.get_by_role("button", name=re.compile(r"Train on \d+ windows")).wait_for()
-    else:
-        page.get_by_role("button", name="Open this sample").click()
-    counts = {}
+    upload(page, ("two windows.csv", two_windows()))
+    button(page, "Train on 2 windows").wait_for()
+    counts: Counts = {}
 
     def count(name: str, key: str) -> None:
         chart(page, key)
@@ -130,17 +136,17 @@ def test_compare_and_database_hold_few_words(opened: Open, file: str) -> None:
         counts[name] = len(words(page, is_fold=True)), len(words(page))
 
     go(page, "Compare")
-    page.get_by_role("button", name="Run all methods").click()
+    button(page, "Run all methods").click()
     page.get_by_role("tab", name="Numbers").wait_for(timeout=LONGEST_MS)
     count("methods", "compare_estimates")
     page.get_by_text("Car-following models", exact=True).click()
-    page.get_by_role("button", name="Compare 5 models").click()
-    page.get_by_role("button", name="Use these models").wait_for(timeout=LONGEST_MS)
+    button(page, re.compile(r"Compare \d+ models")).click()
+    button(page, "Use these models").wait_for(timeout=LONGEST_MS)
     count("models", "models_cars")
     go(page, "Database")
     count("database", "database_forest")
     page.set_viewport_size({"width": 1440, "height": 1000})
-    print(file or "sample", counts)
+    print(counts)
     require_few(counts)
 
 
@@ -151,15 +157,32 @@ def test_the_reproduced_paper_holds_few_words(opened: Open, app: App) -> None:
         shutil.copy(Path(REAL or "") / name, app.recordings / name)
     page, counts = opened("/Reproduce"), {}
     page.set_viewport_size({"width": 1440, "height": 900})
-    button = page.get_by_role("button", name="Reproduce all")
+    everything = button(page, "Reproduce all")
     for state in ("before", "learned"):
         expect(page.locator(".js-plotly-plot")).to_have_count(11)
         idle(page)
         counts[state] = len(words(page, is_fold=True)), len(words(page))
         if state == "before":
-            button.click()
-            page.get_by_role("button", name="Stop").wait_for()
-            button.wait_for(timeout=LONGEST_MS)
+            everything.click()
+            button(page, "Stop").wait_for()
+            everything.wait_for(timeout=LONGEST_MS)
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    print(counts)
+    require_few(counts)
+
+
+def test_waves_by_a_model_of_either_direction_hold_few_words(opened: Open) -> None:
+    page = opened("/Stability")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    button(page, "Open a published example").click()
+    page.get_by_text("By hand", exact=True).click()
+    button(page, "Parameters").click()
+    choose(page, "Model", "CTHP with unequal gains and delay")
+    page.keyboard.press("Escape")
+    open_tab(page, "Waves")
+    for key in ("stability_waves", "stability_waves_size"):
+        chart(page, key)
+    counts = {"waves": (len(words(page, is_fold=True)), len(words(page)))}
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(counts)
     require_few(counts)
@@ -167,7 +190,10 @@ def test_the_reproduced_paper_holds_few_words(opened: Open, app: App) -> None:
 
 def test_a_row_gives_its_reasons_and_opens_its_car(opened: Open) -> None:
     page = opened("/")
-    trained(page, "")
+    trained(page)
+    page.set_viewport_size({"width": 1440, "height": 900})
+    require_few({"a sample": (len(words(page, is_fold=True)), len(words(page)))})
+    page.set_viewport_size({"width": 1440, "height": 1000})
     row = page.locator(".strip-row[data-row='1']")
     mark = row.locator(".strip-mark").first
     reason = mark.get_attribute("data-why")

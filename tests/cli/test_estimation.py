@@ -11,7 +11,7 @@ from accpinn.cli.estimation import fit_text
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.registry import METHODS
 from accpinn.results.documents import describe_fit
-from accpinn.results.messages.estimate import PAPERS_POINT, POINT
+from accpinn.results.naming import PAPERS_POINT, POINT
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.openacc_files import csv
 from tests.support.samples import frame

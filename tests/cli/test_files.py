@@ -109,7 +109,8 @@ def test_a_point_has_verdicts_and_a_measured_gain_but_no_probability(
 ) -> None:
     path = save(whole(), tmp_path / "a.accpinn.zip")
     for k, vehicle in enumerate(document(capsys, "stability", path)["vehicles"]):
-        assert vehicle["measured"]["gain"] == measured_gain(whole().segments, k).gain.tolist()
+        gain = measured_gain(whole().segments, k, reference=whole().parameters[[k]]).gain
+        assert vehicle["measured"]["gain"] == gain.tolist()
         assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
         assert vehicle["l2"]["stable"] in (True, False)
         assert vehicle.keys().isdisjoint({"probability_l2", "intervals", "level"})

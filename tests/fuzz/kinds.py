@@ -535,10 +535,10 @@ def use_large(content: bytes, folder: Path) -> bool:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("recording", draw_recording, use_recording, ".csv", 170),
-        Kind("table", draw_table, use_table, ".json", 200),
+        Kind("recording", draw_recording, use_recording, ".csv", 80),
+        Kind("table", draw_table, use_table, ".json", 80),
         Kind("mapping", draw_mapping, use_mapping, ".json", 40),
-        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 35),
+        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 20),
         Kind("study", draw_study, use_study, ".sqlite", 30),
         Kind("arguments", draw_arguments, use_arguments, ".json", 20, 20.0),  # some estimate
         Kind("archive", draw_archive, use_archive, ".zip", 20, 3.0, 400e6),

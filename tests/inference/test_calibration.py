@@ -20,7 +20,7 @@ LEVEL = 0.05
 @pytest.mark.slow
 def test_a_windows_posterior_is_calibrated() -> None:
     """Windows of 30 s: little more than the likelihood needs."""
-    ranks = [ranks_of_window(seed, "cthp", of_cars=False, duration=30.0) for seed in range(60)]
+    ranks = [ranks_of_window(seed, "cthp", of_cars=False, duration=30.0) for seed in range(40)]
     assert together(chances(np.array(ranks))) > LEVEL
 
 
@@ -29,7 +29,7 @@ def test_a_populations_posterior_is_calibrated(monkeypatch: pytest.MonkeyPatch) 
     """Two windows a car, so that both the other cars and these count."""
     monkeypatch.setattr(population, "CHAINS", 10)
     taught = population_of("cthp", 3)
-    ranks = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(100)]
+    ranks = [ranks_of_population(seed, taught, windows=2, count=150) for seed in range(60)]
     assert together(chances(np.array(ranks))) > LEVEL
 
 

@@ -55,7 +55,7 @@ def test_the_density_of_a_window_is_likelihood_and_prior_as_written_down(model: 
 @pytest.mark.slow
 def test_the_posterior_of_a_window_is_that_of_an_ensemble_of_walkers() -> None:
     segment = disturbed([Parameters(0.1, 0.25, 1.3)], 3, Disturbance(0.1), duration=100.0)
-    assert agree(*of_window("cthp", segment, walkers=100, steps=500, left_out=150))
+    assert agree(*of_window("cthp", segment, walkers=80, steps=400, left_out=120))
 
 
 def test_the_posterior_of_a_population_is_that_of_an_ensemble_of_walkers() -> None:

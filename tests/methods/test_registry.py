@@ -1,11 +1,9 @@
 """The promises of every method: the truth recovered, bounds reported, an answer to bad data."""
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,17 +30,12 @@ from accpinn.methods.series import measured_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import FOLLOWING
 from accpinn.model.spec import PAPER_SPEC
-from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.study import Analysis
-from accpinn.study.comparison import compare
-from accpinn.study.result import Result
-from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS, train
 from tests.support.openacc_files import platoon, recording
-from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, VICOLUNGO, sample
+from tests.support.samples import NOISE_FREE, NOISY, PLATOON, VICOLUNGO, sample
 
 Estimator = Callable[[Segment, Case], Estimate]
 
@@ -152,21 +145,6 @@ class TestEvery:
         values = 100 * rng.standard_normal((301, 5))
         fit = estimate(segment_of(0.1 * np.arange(301), values[:, :3], values[:, 3:]), "II")
         assert not (fit.parameters.values < 0).any()
-
-
-def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    code, _ = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    names: dict[str, Any] = {}
-    exec(code, names)
-    method = names["METHOD"]
-    monkeypatch.setitem(METHODS, method.key, method)
-    monkeypatch.setitem(VARIANTS, method.key, (method.key, None))
-    recording = read(FOLDER / f"{NOISE_FREE}.csv")
-    (row,) = compare(Analysis.of(recording), recording, (method.key,))
-    assert isinstance(row, Result)
-    assert row.analysis.method == method.key
-    np.testing.assert_allclose(row.parameters.values, sample(NOISE_FREE).truth, rtol=0.1)
 
 
 @pytest.mark.parametrize("name", [name for name in VARIANTS if name != "pinn"])

@@ -10,7 +10,7 @@ from accpinn import Result
 from accpinn.errors import SegmentError
 from accpinn.methods.estimate import Outcome
 from accpinn.methods.registry import COMPARED, variant_of
-from accpinn.recordings import Window, files
+from accpinn.recordings import Window
 from accpinn.results.messages.summary import agreement, best_models
 from accpinn.results.tables.estimates import compared_table
 from accpinn.study.comparison import Refused, compare
@@ -23,12 +23,12 @@ from tests.support.apptest import (
     WAIT,
     Page,
     open_page,
+    sample_recording,
     stop_tasks,
     train_at_once,
     with_pair,
     with_sample,
 )
-from tests.support.command import PLATOON
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -219,7 +219,7 @@ def test_earlier_estimates_are_bounded_and_shown_without_a_comparison(session: W
         session.settings["paper"] = {"seed": seed}
         session._record([replace(result, analysis=session.analysis())])
     assert len(session.earlier) == KEPT_EARLIER
-    session.open(files.read(PLATOON))
+    session.open(sample_recording())
     assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
 
 

@@ -323,9 +323,9 @@ def test_a_stranger_s_studies_are_listed_to_nobody_else_and_a_link_shows_one_wit
     page = with_form(opened())
     supplied = ["OpenACC cars (supplied)"]
     assert page.widget("database_study").options == supplied, "another person's is not hers"
-    page.choose("database_name", "annsown").press("database_start")
-    [path] = Path(os.environ["ACCPINN_STUDIES"]).glob("_*/annsown")
+    page.choose("database_name", "annsown").press("database_start").press("database_stop")
     until(lambda: not batch_queue().active_owners("batch"))
+    [path] = Path(os.environ["ACCPINN_STUDIES"]).glob("_*/annsown")
     write_study(path, made())
     page = open_page("Database", page.workspace())
     assert page.widget("database_study").options == ["annsown", *supplied]

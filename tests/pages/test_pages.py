@@ -20,7 +20,8 @@ from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.figures.training import SIMULATION
 from accpinn.results.glossary import MEANINGS
-from accpinn.results.messages.estimate import PAPERS_POINT, about_truth, cards
+from accpinn.results.messages.estimate import about_truth, cards
+from accpinn.results.naming import PAPERS_POINT
 from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
@@ -51,6 +52,7 @@ from tests.support.apptest import (
     numbers,
     open_page,
     read,
+    sample_recording,
     stop_tasks,
     train_at_once,
     until,
@@ -314,7 +316,7 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     assert not any(box.key == "data_case" for box in page.segmented_control)
     assert session.true_parameters.alpha.tolist() == [0.0766]
     session.choose(case="I")
-    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(sample_recording(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert session.asked.case == "II", "a new recording has the default"
 
 
@@ -800,7 +802,7 @@ def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() ->
     session.choose(window=Window(10.0, 200.0))
     assert session.window_starts == (), "a window chosen by hand is the one that counts"
     assert session.training is None
-    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(sample_recording(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert job.is_active
     page = open_page("Data", session)
     assert f"{PLATOON.name}, 0–60 s" in page.plain()
@@ -844,7 +846,7 @@ def test_a_training_that_was_left_is_among_my_runs_once_it_is_done() -> None:
     session.preset = "fast"
     session.train()
     job = session.training
-    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(sample_recording(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert job.wait(WAIT)
     (run,) = session.runs
     assert run.source == PLATOON.name
@@ -871,7 +873,7 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     session = fitted()
     result, recording = session.result, session.recording
     session.choose(window=Window(0.0, 60.0), vehicles=(2, 3, 4, 5))
-    session.open(files.read(PLATOON))
+    session.open(sample_recording())
     assert (session.result, session.recording) == (result, recording)
     page = open_page("Data", session).choose("data_start", 100.0)
     assert (session.asked.window, session.result) == (Window(100.0, 160.0), None)
@@ -904,7 +906,7 @@ def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_rec
     assert bare.workspace() is not session
     assert escape_markdown(PLATOON.name) in bare.button(key="home_session_0").label
     assert session.id not in bare.everything()
-    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(sample_recording(SAMPLES / "synthetic_vicolungo_like.csv"))
     open_page("Data", session)
     assert session.result is None
     (run,) = session.runs

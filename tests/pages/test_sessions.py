@@ -18,7 +18,15 @@ from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import restore_run
-from tests.support.apptest import MINUTE, WAIT, fitted, open_page, train_at_once, with_sample
+from tests.support.apptest import (
+    MINUTE,
+    WAIT,
+    fitted,
+    open_page,
+    sample_recording,
+    train_at_once,
+    with_sample,
+)
 from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, platoon
 from tests.support.samples import frame
@@ -40,7 +48,7 @@ class TestSignIn:
         own = open_page("Home", user=ANN).workspace()
         assert open_page("Home", user=ANN, session=own.id).workspace() is own
         assert open_page("Home", user=BOB, session=own.id).workspace() is not own
-        own.open(read(PLATOON))
+        own.open(sample_recording())
         open_page("Home", user=ANN, session=own.id)
         sessions.workspaces.clear()
         assert open_page("Home", user=BOB, session=own.id).workspace().id != own.id
@@ -228,7 +236,7 @@ class TestStrangers:
     ) -> None:
         self.use(monkeypatch, "a")
         theirs = open_page("Home").workspace()
-        theirs.open(read(PLATOON))
+        theirs.open(sample_recording())
         open_page("Home", theirs)
         self.use(monkeypatch, "b")
         for title in ("Home", "Data", "Snapshots"):
@@ -253,7 +261,7 @@ class TestStrangers:
         monkeypatch.setattr(sessions, "connection_headers", lambda: LAB | cookie)
 
     def give_result(self, session: Workspace) -> None:
-        session.open(read(PLATOON))
+        session.open(sample_recording())
         session.choose(window=MINUTE, vehicles=(2, 3, 4, 5))
         train_at_once(session)
 
@@ -379,7 +387,7 @@ def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     session, own = sessions.workspaces().new(), read(csv(frame()), "own.csv")
     session.open(own)
     train_at_once(session)
-    session.open(read(PLATOON))
+    session.open(sample_recording())
     assert session.true_parameters is not None
     (run,) = session.runs
     restore_run(session, run.id)

@@ -6,14 +6,12 @@ from dataclasses import replace
 import pytest
 
 from accpinn import Parameters
-from accpinn.recordings import files
 from accpinn.tasks import Status, Task
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, task_queue
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
-from tests.support.apptest import PAGES, WAIT, fitted, open_page, stop_tasks
-from tests.support.command import PLATOON
+from tests.support.apptest import PAGES, WAIT, fitted, open_page, sample_recording, stop_tasks
 from tests.support.snapshots import altered, whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -90,7 +88,7 @@ class TestList:
         page = open_page("Snapshots", session).press("snapshots_again")
         assert session.verifications[name].wait(WAIT)
         assert "snapshots_again" not in page.sound().buttons
-        session.open(files.read(PLATOON))
+        session.open(sample_recording())
         page.sound().press("snapshots_again")
         assert session.verifications[name].wait(WAIT)
         assert library().verification(name).has_recording
@@ -219,7 +217,7 @@ class TestLink:
         page = open_page("Train", session, snapshot=name)
         assert page.workspace() is session
         assert session.restored.id == name
-        session.open(replace(files.read(PLATOON), sha256="0" * 64))
+        session.open(replace(sample_recording(), sha256="0" * 64))
         page.run()
         assert (session.restored, session.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
@@ -243,7 +241,7 @@ class TestRestoring:
         session = sessions.workspaces().new()
         session.restore(library().read(library().add(whole())))
         assert session.recording is None
-        session.open(files.read(PLATOON))
+        session.open(sample_recording())
         assert session.segment.info.digest == whole().info.digest
         assert session.result is session.restored
 

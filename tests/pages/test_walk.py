@@ -1,5 +1,6 @@
 """A random walk over every control of every page: no page may end in an exception."""
 
+import os
 import random
 from collections.abc import Iterator
 from functools import partial
@@ -13,9 +14,9 @@ from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import PAGES, WIDGETS, Page, open_page, with_sample
 
-SEED = 26
-PAGES_MORE = 8
-"""Pages that are opened again after all of them."""
+SEED = int(os.environ.get("WALK_SEED", "26"))
+PAGES_MORE = int(os.environ.get("WALK_PAGES", "2"))
+"""Pages that are opened again after all of them; some hundred for a long walk."""
 PATIENCE: Seconds = 3.0
 """A task that takes longer is stopped."""
 STAY = 7

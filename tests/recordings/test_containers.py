@@ -346,13 +346,13 @@ def test_one_long_text_in_many_cells_is_refused() -> None:
 def test_entities_are_refused_unexpanded() -> None:
     laughs = "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 12))
     head = f'<!DOCTYPE fcd-export [<!ENTITY l0 "ha">{laughs}]>'
-    begun = time.monotonic()
+    begun = time.process_time()
     assert "document type" in refused(fcd('<timestep time="&l11;"/>', head))
     external = '<!DOCTYPE fcd-export [<!ENTITY e SYSTEM "file:///etc/passwd">]>'
     assert "document type" in refused(
         fcd('<timestep time="1"><vehicle id="&e;"/></timestep>', external)
     )
-    assert time.monotonic() - begun < 1
+    assert time.process_time() - begun < 1
 
     def define(name: str, part: bytes) -> bytes:
         return part.replace(b"<worksheet", b'<!DOCTYPE a [<!ENTITY l "x">]><worksheet', 1)

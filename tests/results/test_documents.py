@@ -6,7 +6,7 @@ import pytest
 
 from accpinn.methods.pinn.config import preset
 from accpinn.results.documents import describe_comparison, describe_fit, notes
-from accpinn.results.messages.estimate import PAPERS_POINT, POINT
+from accpinn.results.naming import PAPERS_POINT, POINT
 from accpinn.study.result import Result
 from tests.support.snapshots import recommended, result_for, trained, two_windows, whole
 

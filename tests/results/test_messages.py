@@ -25,9 +25,10 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results import database as on_batch
+from accpinn.results import naming
 from accpinn.results.cast import Cast
-from accpinn.results.description import describe
 from accpinn.results.messages import estimate as on_estimate
+from accpinn.results.messages import incidents
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
@@ -78,7 +79,10 @@ def posterior(*stable: float) -> Any:
     """What sentences read of the uncertainty of some vehicles."""
     count = len(stable)
     gains = SimpleNamespace(lower=np.full(count, 1.25), upper=np.full(count, 1.75))
-    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
+    shares = np.array(stable)
+    return SimpleNamespace(
+        probability_l2=shares, peak_gain=gains, probability_linf=shares, linf_gain=gains, level=0.9
+    )
 
 
 VERDICTS = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
@@ -115,7 +119,7 @@ def stopped() -> str:
 def collided() -> tuple[str, ...]:
     findings = (SimulatedCollision(3, 12.34, -1.5),)
     hit = knowing(whole(), evaluation=replace(whole().evaluation, findings=findings))
-    return describe(hit).events
+    return incidents(hit.evaluation, hit.info)
 
 
 MOVED = Suggestion(Window(330, 630), 0.963, None, 190)
@@ -210,7 +214,7 @@ def test_a_point_is_told_without_intervals() -> None:
     assert "%" not in together.lead.partition("They amplify")[0]
     assert "probability" not in headline(assessed_vehicles(result))
     for said in (on_estimate.assumption(result), on_estimate.about_estimate(result)):
-        assert on_estimate.PAPERS_POINT in said.replace("The paper's", "the paper's")
+        assert naming.PAPERS_POINT in said.replace("The paper's", "the paper's")
         assert "bracket" not in said
 
 
@@ -324,9 +328,9 @@ def test_a_point_says_what_it_is() -> None:
     presets = [replace(point, method="pinn", settings=c.to_json()) for c in (FAST, PAPER)]
     stopped = replace(presets[0], settings=CALIBRATED.to_json())
     nonlinear = replace(presets[0], spec=ModelSpec("idm"))
-    said = [on_estimate.about_point(one) for one in (*presets, stopped, nonlinear, point)]
-    assert said == [on_estimate.PAPERS_POINT] * 2 + [on_estimate.POINT] * 3
-    assert on_estimate.about_point(recommended().estimate) == ""
+    said = [naming.about_point(one) for one in (*presets, stopped, nonlinear, point)]
+    assert said == [naming.PAPERS_POINT] * 2 + [naming.POINT] * 3
+    assert naming.about_point(recommended().estimate) == ""
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:

@@ -6,13 +6,15 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from streamlit.testing.v1 import AppTest
 
 from accpinn import Case, Result, Table
-from accpinn.recordings import Window, facts_of, files
+from accpinn.recordings import Recording, Window, facts_of, files
 from accpinn.study.run import run
 from accpinn.tasks import Task
 from pages.ui.session import sessions
@@ -163,11 +165,17 @@ def stop_tasks(session: Workspace) -> None:
     assert all(task.wait(WAIT) for task in session.tasks)
 
 
+@cache
+def sample_recording(path: Path = PLATOON) -> Recording:
+    """A sample, by default the first, read once for all tests."""
+    return files.read(path)
+
+
 def with_sample() -> Workspace:
     """A session with the first sample open."""
-    found = sessions.workspaces().new()
-    found.open(files.read(PLATOON))
-    return found
+    session = sessions.workspaces().new()
+    session.open(sample_recording())
+    return session
 
 
 def with_pair() -> Workspace:
@@ -192,8 +200,8 @@ def fitted(window: Window = MINUTE, **changes: Any) -> Workspace:
     return session
 
 
-_known = dict[str, Result]()
-"""By the keys of their analyses."""
+_results = dict[str, Result]()
+"""By the keys of their analyses, with what has been derived from them."""
 
 
 def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Result:
@@ -207,11 +215,15 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
     session.asked = replace(session.asked, case=case)
     asked = session.analysis()
     assert asked
-    if asked.key not in _known:
-        _known[asked.key] = run(asked, session.recording, segments=session.segments)
-    result = _known[asked.key].on(session.segments, session.recording)
-    estimate, facts = replace(result.estimate, **changes), facts_of(session.recording)
-    result = replace(result, estimate=estimate, facts=facts)
+    if asked.key not in _results:
+        result = run(asked, session.recording, segments=session.segments)
+        _results[asked.key] = replace(result, facts=facts_of(session.recording))
+    result = _results[asked.key]
+    if result.recording is not session.recording:
+        result = result.on(session.segments, session.recording)
+        result = replace(result, facts=facts_of(session.recording))
+    if changes:
+        result = replace(result, estimate=replace(result.estimate, **changes))
     task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
     task.finish(result)
     session.restored, session.training = None, task

@@ -21,8 +21,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of
 from accpinn.results import marks
-from accpinn.results.description import name_of
 from accpinn.results.figures import style
+from accpinn.results.naming import name_of
 from accpinn.results.tables.estimates import columns_of
 from accpinn.stability import peak_gains
 from accpinn.study.judge import Judgement

@@ -11,18 +11,20 @@ from accpinn.channels import TIME
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import (
+    AXIS_OF_FREQUENCY,
     CLOUD,
     DOT_OPACITY,
     L2_UNSTABLE,
     LIMIT,
     MAKE_END,
+    TICKS,
     WHOLE_NAME,
     colours,
 )
 from accpinn.stability.modes import dominant_poles, responses
 from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import AssessedVehicles
-from accpinn.units import Quantity, Seconds
+from accpinn.units import FloatArray, Quantity, Seconds
 
 HEIGHT = 320
 """Height of poles and responses, in pixels."""
@@ -38,6 +40,11 @@ MOST_STEP = 1e3
 """Largest step response that is drawn."""
 RESPONSE: tuple[Seconds, Seconds] = (10.0, 90.0)
 """Least and greatest length of the responses in sight."""
+
+DIRECTIONS = "braking", "accelerating"
+"""Of waves, as they are called."""
+MOST_GROWTH = 5.0
+"""Largest growth of a wave that is in sight."""
 
 
 def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
@@ -192,31 +199,53 @@ def margin_forest(subject: AssessedVehicles) -> go.Figure:
     return chart.figure()
 
 
-def growth_by_size(subject: AssessedVehicles, found: Waves, height: int = HEIGHT) -> go.Figure:
-    """How much waves grow by their size: braking ones, accelerating ones dashed, and small ones.
-
-    The height is in pixels.
-    """
-    chart = style.Chart("waves", height, hoverdistance=30)
-    chart.level("y", 1.0, LIMIT, "below")
-    rows = zip(found.vehicles, colours(subject.vehicles), subject.report.vehicles, strict=True)
-    tops, end = [1.1], 0.0
-    for k, (vehicle, colour, linear) in enumerate(rows):
-        label = found.names[k]
-        size, small = 3.6 * vehicle.amplitude, linear.peak.gain
-        for part, words, dash in (
-            (vehicle.braking, "braking", "solid"), (vehicle.accelerating, "accelerating", "dash"),
-        ):  # fmt: skip
-            chart.line(
-                np.insert(size, 0, 0.0), np.insert(part, 0, small), f"{label}, {words}", colour,
-                2.2, dash, showlegend=dash == "solid",
-                hover=f"{words}: %{{y:.2f}} at %{{x:.0f}} km/h<extra>{html.escape(label)}</extra>",
-            )  # fmt: skip
-            tops += part[np.isfinite(part)].tolist()
-        end = max(end, float(size[-1]))
-    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
-    chart.axis("y", "Growth", range=[min(0.9, *tops), 1.05 * min(max(tops), 5.0)])
+def growth_by_frequency(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves of one size grow over their frequency: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-frequency"), [1.1]
+    for k, vehicle in enumerate(found.vehicles):
+        growth = vehicle.by_frequency
+        parts = growth.braking, growth.accelerating
+        tops += _draw_directions(
+            chart, subject, found, k, growth.omega, parts, "%{y:.2f} at %{x:.3f} rad/s"
+        )
+    chart.axis("x", AXIS_OF_FREQUENCY, type="log", **TICKS)
+    chart.axis("y", "Growth", range=[0.0, 1.05 * min(max(tops), MOST_GROWTH)])
     return chart.figure()
+
+
+def growth_by_size(subject: AssessedVehicles, found: Waves) -> go.Figure:
+    """How much waves grow by their size: braking, and dashed accelerating."""
+    chart, tops = _growth_chart("waves-size"), [1.1]
+    linear = (vehicle.peak.gain for vehicle in subject.report.vehicles)
+    for k, (vehicle, peak) in enumerate(zip(found.vehicles, linear, strict=True)):
+        parts = [np.insert(part, 0, peak) for part in (vehicle.braking, vehicle.accelerating)]
+        size = 3.6 * np.insert(vehicle.amplitude, 0, 0.0)
+        tops += _draw_directions(chart, subject, found, k, size, parts, "%{y:.2f} at %{x:.0f} km/h")
+    end = 3.6 * max(float(vehicle.amplitude[-1]) for vehicle in found.vehicles)
+    chart.axis("x", "Size of the wave [km/h]", range=[0.0, end])
+    chart.axis("y", "Largest growth", range=[min(0.9, *tops), 1.05 * min(max(tops), MOST_GROWTH)])
+    return chart.figure()
+
+
+def _growth_chart(key: str) -> style.Chart:
+    chart = style.Chart(key, HEIGHT, hoverdistance=30)
+    chart.level("y", 1.0, LIMIT, "below")
+    return chart
+
+
+def _draw_directions(
+    chart: style.Chart, subject: AssessedVehicles, found: Waves, k: int, x: FloatArray,
+    parts: Sequence[FloatArray], at: str,
+) -> list[float]:  # fmt: skip
+    """Draw the growth of braking and accelerating waves by one vehicle; returns what is finite."""
+    label, colour = found.names[k], colours(subject.vehicles)[k]
+    for part, words, dash in zip(parts, DIRECTIONS, ("solid", "dash"), strict=True):
+        chart.line(
+            x, part, f"{label}, {words}", colour, 2.2, dash, showlegend=dash == "solid",
+            hover=f"{words}: {at}<extra>{html.escape(label)}</extra>",
+        )  # fmt: skip
+    every = np.concatenate(parts)
+    return [float(value) for value in every[np.isfinite(every)]]
 
 
 def _said(value: Quantity) -> str:

@@ -38,5 +38,5 @@ def drive_narrowing(proposed: NextDrive) -> go.Figure:
     chart.axis(
         "x", "Interval [% of a motorway drive's]", range=[0.0, max(108.0, 1.05 * max(shares))]
     )
-    chart.axis("y", autorange="reversed")
+    chart.axis("y", type="category", autorange="reversed")
     return chart.figure()

@@ -16,10 +16,10 @@ from accpinn.methods.estimate import History, of_window
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of, value_of
-from accpinn.results.description import Description, view
 from accpinn.results.figures import style
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
 from accpinn.segment import Segment, SegmentInfo
+from accpinn.study.description import Description, view
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -410,10 +410,11 @@ def forest(description: Description, follower: int) -> go.Figure:
 
     The estimate has its windows' own values; the follower is 0 for the first.
     """
-    row, speed = description.row(follower), description.estimate.stated_speed
+    described, speed = description.follower(follower), description.estimate.stated_speed
     colour = style.vehicle_colours(description.info.vehicles)[follower + 1]
     chart = style.Chart(f"forest-{follower}", 300)
-    span, alone = row.known[0].span, [gap.span for gap, _ in row.windows]
+    span = described.values.time_gap.span
+    alone = [values.time_gap.span for values in described.windows]
     gaps, low, high = np.array([(one.value, one.lower, one.upper) for one in alone]).T
     low, high = np.fmin(low, gaps), np.fmax(high, gaps)  # a point has no ends
     ends = np.array([[info.window.start, info.window.end] for info in description.infos])

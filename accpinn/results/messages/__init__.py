@@ -26,6 +26,6 @@ def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
 
 def incidents(evaluation: "Evaluation", about: Labelled) -> tuple[str, ...]:
     """Collisions, reversing and divergence in the closed-loop simulation, the window's first."""
-    from accpinn.results import description  # see above
-
-    return description.incidents(evaluation, about)
+    inside = messages(evaluation.findings, about)
+    outside = messages(evaluation.out_of_window_findings, about)
+    return (*inside, *(f"Outside the window, {said[0].lower()}{said[1:]}" for said in outside))

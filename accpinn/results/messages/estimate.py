@@ -16,15 +16,15 @@ from accpinn.inference.trust import trust_of_several
 from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES, has_terms_of, value_of
-from accpinn.results.description import PAPERS_POINT as PAPERS_POINT
-from accpinn.results.description import POINT as POINT
-from accpinn.results.description import Description, Row, describe, view
-from accpinn.results.description import about_point as about_point
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.stability import against_measured, becomes
+from accpinn.results.naming import about_point
+from accpinn.results.objections import against_estimate
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.estimates import columns_of
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment
+from accpinn.study.description import Description, FollowerDescription, view
 from accpinn.study.result import Result
 from accpinn.units import MetresPerSecond, Quantity
 
@@ -41,10 +41,10 @@ def assumption(result: Result, speed: MetresPerSecond | None = None) -> str:
 
     Another model than a CTHP is linearised at the speed, by default at each vehicle's median.
     """
-    description, model = describe(result), result.estimate.following
+    estimate, model = result.estimate, result.estimate.following
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
     at = "" if model.is_linear else f", linearised at {at}"
-    point = f"; {description.point}" if description.point else ""
+    point = f"; {about_point(estimate)}" if not estimate.posterior else ""
     windows = "one window" if len(result.infos) == 1 else f"{len(result.infos)} windows"
     return f"The verdict is that of the {model.title}, estimated from {windows}{at}{point}."
 
@@ -75,25 +75,26 @@ def cards(description: Description, *, together: bool = False) -> tuple[Card, ..
 
     Followers of one verdict, which nothing is against, may also be told ``together``.
     """
-    groups: dict[Assessment | int, list[Row]] = {}
-    for k, row in enumerate(description.rows):
-        is_sure = not (row.trust.is_contradicted or row.against)
-        is_shared = together and is_sure and row.is_determined
-        groups.setdefault(description.vehicles.assessed[k] if is_shared else k, []).append(row)
-    return tuple(_card(description, rows) for rows in groups.values())
+    groups: dict[Assessment | int, list[FollowerDescription]] = {}
+    for follower in description.followers:
+        is_alone = not together or not follower.is_determined
+        is_alone = is_alone or follower.trust.is_contradicted or bool(against_estimate(follower))
+        group = follower.place if is_alone else follower.stability.l2.assessment
+        groups.setdefault(group, []).append(follower)
+    return tuple(_card(description, followers) for followers in groups.values())
 
 
-def _card(description: Description, rows: Sequence[Row]) -> Card:
-    labels = [who(row.number, description.info) for row in rows]
-    places = [k for row in rows for k in row.places]
-    against = [objection.sentence for objection in rows[0].against]
-    trusts = [row.trust for row in rows]
-    are_several, subject = len(rows) > 1 or rows[0].number == 0, description.vehicles
-    lead = [_headline(labels, are_several, description, rows)]
-    lead += _gains("Their" if are_several else "Its", rows)
-    if meaning := "" if are_several else meaning_of(description.estimate.model, rows[0]):
+def _card(description: Description, followers: Sequence[FollowerDescription]) -> Card:
+    labels = [who(follower.number, description.info) for follower in followers]
+    places = [place for follower in followers for place in follower.places]
+    against = [objection.sentence for objection in against_estimate(followers[0])]
+    trusts = [follower.trust for follower in followers]
+    are_several, subject = len(followers) > 1 or followers[0].number == 0, description.vehicles
+    lead = [_headline(labels, are_several, description, followers)]
+    lead += _gains("Their" if are_several else "Its", followers)
+    if meaning := "" if are_several else meaning_of(description.estimate.model, followers[0]):
         lead.append(f"It {meaning}.")
-    if subject.assessed[places[0]] != "not determined":
+    if followers[0].stability.l2.assessment != "not determined":
         lead.append(becomes(subject, places, "they" if are_several else "it", are_several))
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
     said, doubted = " ".join((*against, trust)), " ".join(against)
@@ -126,7 +127,7 @@ def about_estimate(description: Description) -> str:
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h."
     )
     if level is None:
-        return f"{said} {capital(description.point)}."
+        return f"{said} {capital(about_point(estimate))}."
     return (
         f"{said} In brackets: the {percent(level)} interval of the vehicle's typical"
         " value; last column: where the time gap of one more window lies. Intervals include"
@@ -177,16 +178,19 @@ def time_gap_in_words(gap: Quantity, speed: MetresPerSecond, level: float | None
 
 
 def _headline(
-    labels: Sequence[str], are_several: bool, description: Description, rows: Sequence[Row]
+    labels: Sequence[str],
+    are_several: bool,
+    description: Description,
+    followers: Sequence[FollowerDescription],
 ) -> str:
     verb, estimate = "keep" if are_several else "keeps", description.estimate
     speed, level = estimate.stated_speed, estimate.level
-    if not rows[0].is_determined:
+    if not followers[0].is_determined:
         return f"{labels[0]}: the data do not determine the time gap."
-    gaps = [row.known[0].span for row in rows]
+    gaps = [follower.values.time_gap.span for follower in followers]
     if len(gaps) == 1:
         return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed, level)}."
-    are_all = len(labels) == len(description.rows)
+    are_all = len(labels) == len(description.followers)
     named = capital(all_of(len(labels), "followers")) if are_all else joined(labels)
     least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
     kept = least if least == most else f"{least}–{most}"
@@ -199,9 +203,9 @@ def _headline(
     )
 
 
-def _gains(whose: str, rows: Sequence[Row]) -> tuple[str, ...]:
+def _gains(whose: str, followers: Sequence[FollowerDescription]) -> tuple[str, ...]:
     """How far α and β may be from their values: the least known one counts."""
-    spans = [span for row in rows for span in row.at_median[0][:2]]
+    spans = [span for follower in followers for span in follower.at_median[0][:2]]
     if any(isnan(span.value) or isnan(span.lower) for span in spans):
         return ()
     above = max(span.upper / span.value if span.value > 0 else inf for span in spans)
@@ -214,12 +218,12 @@ def _gains(whose: str, rows: Sequence[Row]) -> tuple[str, ...]:
     return (f"{whose} gains: -{100 * (1 - 1 / below):.0f}/+{100 * (above - 1):.0f} %.",)
 
 
-def meaning_of(model: str, row: Row) -> str:
+def meaning_of(model: str, follower: FollowerDescription) -> str:
     """What a follower's parameters say of it, with intervals; empty where its model says nothing.
 
     As "eases off 2.1 (1.6 to 2.8) times as hard as it closes up".
     """
-    spans = {name: value.span for name, value in row.known[1].items()}
+    spans = {name: value.span for name, value in follower.values.parameters.items()}
     if any(isnan(span.value) for span in spans.values()):
         return ""
     values = {
@@ -246,10 +250,9 @@ def about_curves(
 ) -> tuple[str, ...]:
     """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
     info, of = description.info, description.info.vehicles[follower + 1]
-    said = [
-        found.sentence(info) for found in (band.findings if band else ()) if found.vehicle == of
-    ]
-    return tuple(filter(None, (*said, description.row(follower).disturbance)))
+    findings = [found for found in (band.findings if band else ()) if found.vehicle == of]
+    disturbance = description.follower(follower).disturbance
+    return messages((*findings, disturbance) if disturbance else findings, info)
 
 
 class Check(NamedTuple):
@@ -279,8 +282,9 @@ MEANINGS = {
 @view
 def checks(description: Description) -> tuple[Check, ...]:
     """All checks of an estimate; those of intervals and of their verdicts where it has some."""
-    info, events, subject = description.info, description.events, description.vehicles
-    trusts = [row.trust for row in description.rows]
+    info, subject = description.info, description.vehicles
+    events = incidents(description.result.evaluation, info)
+    trusts = description.result.trust
     missed = tuple(trust.sentence(info) for trust in trusts if not trust.is_reproduced)
     is_known, outcome = all(isfinite(t.rmse) for t in trusts), description.estimate.outcome
     answers: dict[str, tuple[bool | None, tuple[str, ...]]] = {

@@ -18,7 +18,7 @@ from accpinn.stability import (
     Verdict,
 )
 from accpinn.stability.margin import NormMargin, State
-from accpinn.stability.waves import USUAL, Waves
+from accpinn.stability.waves import Waves
 from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
 from accpinn.units import FloatArray, Quantity
 
@@ -120,7 +120,7 @@ def next_to_stable(subject: AssessedVehicles) -> str:
     lacking = {
         k: margin
         for k, margin in enumerate(subject.l2_margins)
-        if margin.state is State.TOO_SHORT and subject.assessed[k] != "not determined"
+        if margin.state is State.TOO_SHORT and subject.assessed[k].l2.assessment != "not determined"
     }
     if not lacking:
         return ""
@@ -165,14 +165,13 @@ def about_margin(subject: AssessedVehicles) -> str:
 
 def waves_in_words(found: Waves) -> str:
     """How much the two directions of a wave grow by the vehicle that amplifies most."""
-    rows = [(name, vehicle, min(USUAL, float(vehicle.amplitude[-1])))
-            for name, vehicle in zip(found.names, found.vehicles, strict=True)]  # fmt: skip
-    grow = [(max(vehicle.at(size)), name, vehicle.at(size), size) for name, vehicle, size in rows]
-    grow = [row for row in grow if not isnan(row[0])]
-    if not grow:
+    pairs = zip(found.names, found.vehicles, strict=True)
+    grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
+    judged = [row for row in grow if not isnan(row[0] + row[1])]
+    if not judged:
         return "No steady wave is found."
-    _, name, (braking, accelerating), size = max(grow)
-    most = " most" if len(rows) > 1 else ""
+    braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
+    most = " most" if len(grow) > 1 else ""
     return (
         f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
         f" an accelerating one {grown(accelerating)}."
@@ -181,8 +180,9 @@ def waves_in_words(found: Waves) -> str:
 
 WAVES = (
     "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
-    " follower's steady motion, at the frequency at which it is largest: of the deviation below the"
-    " mean speed (braking) and above it (accelerating). At size 0: the peak of |H|."
+    " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
+    " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
+    " peak of |H|."
 )
 """What the growth of waves is."""
 MARGIN = (
@@ -362,13 +362,14 @@ def grown(gain: float, ends: Quantity | None = None, level: float | None = None)
 
     Args:
         gain: the largest.
-        ends: its interval, which is said in brackets.
+        ends: its interval, which is said in brackets unless it is nan.
         level: of that interval, where it is to be said, too.
     """
     if isinf(gain):
         return "without limit"
     if gain - 1.0 < LEAST_GROWTH:
         return f"by less than {100 * LEAST_GROWTH:.1f} %"
+    ends = None if ends is None or isnan(ends.lower) else ends
     parts = gain, *((ends.lower, ends.upper) if ends else ())
     if gain < FOLD:
         most, *known = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
@@ -410,7 +411,7 @@ def _verdicts(subject: AssessedVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
     for kind in _ASSESSED:
-        alike = [k for k in range(total) if subject.assessed[k] == kind]
+        alike = [k for k in range(total) if subject.assessed[k].l2.assessment == kind]
         named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
         named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
         if alike:
@@ -426,17 +427,15 @@ def most_amplifying(subject: AssessedVehicles) -> str:
 
     What the measured gain contradicts is called the model's.
     """
-    assessed, spoken, vehicles = subject.assessed, subject.vehicles.spoken, subject.report.vehicles
+    spoken, vehicles = subject.vehicles.spoken, subject.report.vehicles
+    assessed = [vehicle.l2.assessment for vehicle in subject.assessed]
     judged = [k for k, kind in enumerate(assessed) if kind != "not determined"]
     if not judged:
         return "The data do not determine whether these vehicles amplify disturbances."
     amplifying = [k for k in judged if assessed[k] != "stable"]
     count, most = len(spoken), max(amplifying or judged, key=lambda k: vehicles[k].peak.gain)
-    peak, ends = vehicles[most].peak, None
-    if subject.uncertainty:
-        spread = subject.uncertainty.peak_gain
-        ends = Quantity(peak.gain, float(spread.lower[most]), float(spread.upper[most]))
-    by = f"{grown(peak.gain, ends)} at {three(peak.omega)} rad/s"
+    peak, growth = vehicles[most].peak, subject.assessed[most].l2.gain
+    by = f"{grown(growth.value, growth)} at {three(peak.omega)} rad/s"
     if not amplifying:
         whole = f"{all_of(count, 'vehicles')} damp" if count > 1 else f"{spoken[0]} damps"
         part = f"{joined([spoken[k] for k in judged])} {'damp' if len(judged) > 1 else 'damps'}"
@@ -471,7 +470,7 @@ def becomes(
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
     """
-    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]], {}
+    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
@@ -483,13 +482,10 @@ def becomes(
     if kind != "unstable":
         return f"{start}{odds}."
     for k in alike:
-        peak = subject.report.vehicles[k].peak
-        ends, level = None, known.level if known and is_headline else None
-        if known:
-            spread = known.peak_gain
-            ends = Quantity(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
-        at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
-        peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
+        vehicle, level = subject.assessed[k], known.level if known and is_headline else None
+        growth, omega = vehicle.l2.gain, vehicle.stability.peak.omega if vehicle.stability else 0.0
+        at = f" at {three(omega)} rad/s" if is_headline and omega > 0 else ""
+        peaks[k] = growth.value, grown(growth.value, growth, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
         return f"{start} {peaks[most][1]}{odds}."

@@ -13,10 +13,10 @@ from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.methods.registry import recommended_method
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
-from accpinn.results.description import name_of
 from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import about_curves as about_curves
 from accpinn.results.messages.estimate import cards
+from accpinn.results.naming import name_of
 from accpinn.results.tables.estimates import COMPARED, outside_interval
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result

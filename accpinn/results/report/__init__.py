@@ -33,7 +33,6 @@ from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.cast import Cast
-from accpinn.results.description import describe
 from accpinn.results.figures import control
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
@@ -52,7 +51,7 @@ from accpinn.results.figures.style import (
 from accpinn.results.figures.training import course, curves_of, drive, driven
 from accpinn.results.marks import LEGEND
 from accpinn.results.messages import estimate as on_estimate
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as words
@@ -63,6 +62,7 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
+from accpinn.study.description import describe
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.vehicles import assessed_vehicles
@@ -152,7 +152,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     info, description = snapshot.info, describe(snapshot)
     forms = snapshot.adequacy.forms if snapshot.compared else ()
     paints, every = vehicle_colours(info.vehicles), tables.tables_of(description)
-    rows = vehicle_colours(info.vehicles, [row.number for row in description.rows])
+    rows = vehicle_colours(info.vehicles, [follower.number for follower in description.followers])
     for name, colours in (("parameters", rows), ("errors", paints)):
         every[name] = every[name].coloured(colours)
     if description.vehicles.has_report:
@@ -195,6 +195,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "on_platoon": on_platoon,
         "on_stability": on_stability,
         "tables": tables,
+        "incidents": incidents,
         "messages": messages,
         "sheets": sheets,
         "reasons": [
@@ -298,7 +299,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     yield Picture("map", with_legend(chart), about)
     if waves := subject.waves:
         said = [on_stability.waves_in_words(waves), "Solid: braking waves; dashed: accelerating."]
-        chart = with_legend(control.growth_by_size(subject, waves))
+        chart = with_legend(control.growth_by_frequency(subject, waves))
         yield Picture("waves", chart, " ".join([*said, on_stability.WAVES]))
 
 

@@ -20,17 +20,7 @@ from accpinn.methods.registry import title_of as title_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES, gains_and_gap, value_of
 from accpinn.results import marks
-from accpinn.results.description import (
-    FIXED,
-    LEAST,
-    UNDETERMINED,
-    Description,
-    Value,
-    brief,
-    is_least,
-    view,
-)
-from accpinn.results.description import name_of as name_of
+from accpinn.results.naming import brief, name_of
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -44,9 +34,18 @@ from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study import differences
 from accpinn.study.comparison import Spread
+from accpinn.study.description import (
+    FIXED,
+    LEAST,
+    UNDETERMINED,
+    Description,
+    Value,
+    is_least,
+    view,
+)
 from accpinn.study.judge import Judgement, beyond, wins
 from accpinn.study.result import Result
-from accpinn.study.vehicles import ALL_OF_IT, where
+from accpinn.study.vehicles import ALL_OF_IT, by_hand, where
 from accpinn.units import MetresPerSecond, Quantity
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
@@ -76,8 +75,8 @@ COMPARED = ("α", "β", "time gap")
 def tables_of(description: Description) -> dict[str, Table]:
     """Every table of one estimate by its name; those of single windows are numbered by rows."""
     tables = {"parameters": parameter_table(description), "errors": errors_table(description)}
-    for k, row in enumerate(description.rows):
-        if len(row.windows) > 1:
+    for k, follower in enumerate(description.followers):
+        if len(follower.windows) > 1:
             tables[f"windows_{k + 1}"] = windows_table(description, k)
     return tables
 
@@ -95,25 +94,27 @@ def parameter_table(description: Description) -> Table:
         >>> accpinn.parameter_table(result).to_frame().alpha.round(2).tolist()
         [0.09]
     """
-    rows, estimate = description.rows, description.estimate
+    followers, estimate = description.followers, description.estimate
     level, last = estimate.level, estimate.stated_speed
-    known = f" ({100 * level:.0f} % interval)" if level else ""
-    gaps, own = f"Time gap{known}", f"Parameters{known}"
+    interval = f" ({100 * level:.0f} % interval)" if level else ""
+    gaps, parameters = f"Time gap{interval}", f"Parameters{interval}"
     at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
     filled: list[Filled] = [
-        (Column("Follower"), [row_label(description.info, row.number) for row in rows]),
-        *((gap_column(speed, gaps, "at"), [cell_of(row.gaps[speed]) for row in rows])
+        (Column("Follower"), [row_label(description.info, each.number) for each in followers]),
+        *((gap_column(speed, gaps, "at"), [cell_of(each.time_gaps[speed]) for each in followers])
           for speed in SPEEDS),
-        (at_median, [cell_of(Value(row.at_median[0][2])) for row in rows]),
-        *((replace(column, group=own), [cell_of(row.known[1][name]) for row in rows])
+        (at_median, [cell_of(Value(each.at_median[0][2])) for each in followers]),
+        *((replace(column, group=parameters),
+           [cell_of(each.values.parameters[name]) for each in followers])
           for name, column in columns_of(estimate.model).items()),
     ]  # fmt: skip
     if level:
-        ends = [row.known[0].span for row in rows]
+        ends = [each.values.time_gap.span for each in followers]
         column = gap_column(last, f"Further window ({100 * level:.0f} %)", key="further_")
         filled.append((column, [Range(span.further_lower, span.further_upper) for span in ends]))
     return Table.of(
-        f"{estimate.spec.in_words} by {description.method}, {description.where}", filled
+        f"{estimate.spec.in_words} by {name_of(estimate, with_model=False)}, {_where(description)}",
+        filled,
     )
 
 
@@ -144,17 +145,17 @@ def windows_table(description: Description, follower: int) -> Table:
 
     It is for an estimate that has its windows' own values.
     """
-    row, estimate = description.row(follower), description.estimate
-    known = f" ({100 * estimate.level:.0f} % interval)" if estimate.level else ""
-    every = [*row.windows, row.known]
+    described, estimate = description.follower(follower), description.estimate
+    interval = f" ({100 * estimate.level:.0f} % interval)" if estimate.level else ""
+    every = [*described.windows, described.values]
     filled: list[Filled] = [
         (Column("Window"), [*(str(part.window) for part in description.infos), ALL_WINDOWS]),
-        (gap_column(estimate.stated_speed), [cell_of(gap) for gap, _ in every]),
-        *((replace(column, group=f"Parameters{known}"),
-           [cell_of(own[name]) for _, own in every])
+        (gap_column(estimate.stated_speed), [cell_of(values.time_gap) for values in every]),
+        *((replace(column, group=f"Parameters{interval}"),
+           [cell_of(values.parameters[name]) for values in every])
           for name, column in columns_of(estimate.model).items()),
     ]  # fmt: skip
-    label = row_label(description.info, row.number)
+    label = row_label(description.info, described.number)
     caption = f"{label}: {estimate.spec.in_words}, each window alone, and all"
     return Table.of(caption, filled)
 
@@ -165,10 +166,12 @@ def errors_table(description: Description) -> Table:
 
     The leader of the closed-loop simulation is given, so it has no error.
     """
-    evaluation, hand = description.evaluation, description.vehicles.vehicles.by_hand
+    evaluation, hand = description.result.evaluation, by_hand(description.info)
     columns: list[Filled] = [(Column("Vehicle"), description.info.labels)]
     columns += [(c, [None, *cells]) for c, cells in driver_cells(hand)]
-    columns.append((Column("Mean time gap", "s", 2), [None, *description.mean_time_gaps.tolist()]))
+    columns.append(
+        (Column("Mean time gap", "s", 2), [None, *description.result.mean_time_gaps.tolist()])
+    )
     absent = description.info.followers * [None]
     for group, errors, digits in (
         ("Surrogate fit, MAE", evaluation.surrogate, 3),
@@ -178,7 +181,12 @@ def errors_table(description: Description) -> Table:
         gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
         columns.append((Column("p", "m", digits, group), [None, *gaps]))
         columns.append((Column("v", "m/s", 3, group), [leader, *speeds]))
-    return Table.of(f"{description.made}, {description.where}", columns)
+    return Table.of(f"{name_of(description.estimate)}, {_where(description)}", columns)
+
+
+def _where(description: Description) -> str:
+    """From which data, in a few words."""
+    return where(description.info, description.estimate.case, description.infos)
 
 
 def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:

@@ -16,20 +16,22 @@ from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
-from accpinn.results.description import Description, describe
 from accpinn.results.documents import parameter_card
 from accpinn.results.figures import next_drive as drive_figures
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.next_drive import ABOUT_DRIVE, drive_in_words
 from accpinn.results.messages.summary import unfinished
+from accpinn.results.naming import about_point
 from accpinn.results.report import bundle
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.next_drive import drive_table
+from accpinn.study.description import Description, describe
 from accpinn.study.next_drive import can_propose, next_drive
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import browser, frame, show
@@ -89,7 +91,7 @@ def show_result(
         _show_checks(checks)
     curves = figures.curves_of(result, follower, window)
     drive = figures.drive(curves, height=CURVES + 120 * (curves.disturbance is not None))
-    colours = vehicle_colours(info.vehicles, [row.number for row in description.rows])
+    colours = vehicle_colours(info.vehicles, [each.number for each in description.followers])
     show.chart(drive, f"{page}_tracking")
     show.caption(curves.about)
     views: dict[str, Callable[[], None]] = {
@@ -100,7 +102,7 @@ def show_result(
     }
     if result.history:
         views["Training"] = lambda: _show_course(workspace, result, truth, page, follower, window)
-    if description.row(follower).windows:
+    if description.follower(follower).windows:
         views["Windows"] = lambda: _show_windows(workspace, description, follower)
     if can_propose(result):
         views["Next drive"] = lambda: _show_next_drive(workspace, result, follower, page)
@@ -174,7 +176,8 @@ def _show_numbers(
     else:
         show.table(table)
     intervals = f"{100 * (level or 0):.0f} % intervals, and that of a further window"
-    show.caption(f"{capital(description.point or intervals)}.", about)
+    point = about_point(description.estimate)
+    show.caption(f"{capital(point or intervals)}.", about)
     if true:
         show.caption(true)
 
@@ -246,9 +249,9 @@ def _show_errors(result: Result, description: Description, table: Table, followe
         " the simulation behind the measured leader."
         f" {estimate.iterations:,} iterations in {took}{weights}.{cache}"
     )
-    show.warnings(description.events, "the closed-loop simulation")
-    show.messages(description.weaknesses, "warning")
-    show.messages(description.findings)
+    show.warnings(incidents(result.evaluation, info), "the closed-loop simulation")
+    show.messages(messages(result.weaknesses, info), "warning")
+    show.messages(messages(result.findings, info))
     if about:
         show.caption(" ".join(about))
     show.downloads(table, f"{Path(info.source).stem}_errors", "errors")

@@ -17,10 +17,10 @@ from accpinn.results.figures.runs import STYLE, Axes
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import SIMULATION, driven, tracking
+from accpinn.results.naming import name_of
 from accpinn.results.tables import ABSENT, Cell, Column, Table
 from accpinn.results.tables.estimates import (
     gap_column,
-    name_of,
     parameter_cells,
 )
 from accpinn.study import differences

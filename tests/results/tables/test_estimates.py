@@ -19,6 +19,7 @@ from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results.cast import Cast
 from accpinn.results.figures.platoon import growth_by_vehicle
+from accpinn.results.naming import name_of
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import FIXED, Marked, Range, Table
 from accpinn.results.tables.estimates import (
@@ -29,7 +30,6 @@ from accpinn.results.tables.estimates import (
     earlier_title,
     errors_table,
     methods_table,
-    name_of,
     outside_interval,
     parameter_table,
     windows_table,
