@@ -11,7 +11,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.options import ALL, VARIANTS_HELP, named_keys
+from accpinn.cli.options import ALL, DASK, VARIANTS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
@@ -38,11 +38,6 @@ FEW = 5
 """Followers of which each has a sentence of its own; --json has that of all."""
 MOST_FAILURES = 3
 """Reasons that are shown; --json and --out have all."""
-WORKERS = option(
-    "--workers", type=int, metavar="N", help="processes on this machine (one a processor)"
-)
-SCHEDULER = option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place")
-MAPPING = option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
 JUDGE_HELP = VARIANTS_HELP.partition("\n\n")[0]
 JUDGE_OPTIONS = (
     option("sources", nargs="+", metavar="RECORDING", help="files, and folders with all below"),
@@ -55,9 +50,7 @@ JUDGE_OPTIONS = (
     option("--reference", metavar="NAME", help="what others are compared with (the first model)"),
     option("--out", metavar="FOLDER", help="write all tables there, with what they were made with"),
     option("--format", choices=[*FORMATS], help="of the printed table (text)"),
-    WORKERS,
-    SCHEDULER,
-    MAPPING,
+    *DASK,
     option("--no-cache", action="store_true", help="neither read nor keep scores"),
     JSON,
 )  # fmt: skip

@@ -215,7 +215,7 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
         case: "I" or "II".
         changes: of the estimate.
     """
-    session.asked = replace(session.asked, case=case)
+    session.selection = replace(session.selection, case=case)
     asked = session.analysis()
     assert asked
     if asked.key not in _results:
