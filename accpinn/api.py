@@ -1,4 +1,4 @@
-"""From a recording to parameters, their uncertainty, string stability and files, in one call.
+"""Public functions: parameters, uncertainty, string stability and files of a recording in one call.
 
 import accpinn
 
@@ -30,11 +30,11 @@ from accpinn.recordings.files import read
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, parse_windows
+from accpinn.segment.windows import AUTO, car_following
 from accpinn.storage import shipped
 from accpinn.study import Analysis, comparison, single_window, snapshot, vehicles_of, verification
 from accpinn.study.judge import candidate
 from accpinn.study.judging import Judgements, judge_recordings
-from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of, run
 from accpinn.study.scripts import ENDING, Script
@@ -146,7 +146,16 @@ def analyse(
         )  # fmt: skip
         segments = _segments(data)
         first = segments[0]
-        return analysis_of(segments, Analysis.of(_recorded(first), (), first.vehicles, **request))
+        recording = Recording(  # the first segment, against which the analysis is checked
+            source=first.source,
+            sha256=first.sha256,
+            names={},
+            time=first.time,
+            speed=first.speeds,
+            gap=first.gaps,
+            mode=np.zeros(first.speeds.shape, np.int8),
+        )
+        return analysis_of(segments, Analysis.of(recording, (), first.vehicles, **request))
     chosen: Sequence[Window] = single_window(
         0.0 if start is None else start, DURATION if duration is None else duration
     )
@@ -177,15 +186,15 @@ def _method(
     preset = changes.get("preset")
     if method is None:
         method = recommended_method(model, preset)
-    found = method_of(method)
-    if method != found.key and preset not in (None, DEFAULT):  # an alias means a certain preset
+    entry = method_of(method)
+    if method != entry.key and preset not in (None, DEFAULT):  # an alias means a certain preset
         raise ConfigError(
-            f"preset: {method} means {found.key} with the preset {DEFAULT}; leave {method} out."
+            f"preset: {method} means {entry.key} with the preset {DEFAULT}; leave {method} out."
         )
-    if found.settings:
-        return found.key, changes
-    _refuse(f"the method {found.key} has none", preset=preset, seed=seed, settings=settings)
-    return found.key, None
+    if entry.settings:
+        return entry.key, changes
+    _refuse(f"the method {entry.key} has none", preset=preset, seed=seed, settings=settings)
+    return entry.key, None
 
 
 def _refuse(why: str, **given: object) -> None:
@@ -203,7 +212,11 @@ def _windows(
     recording: Recording, windows: Windows, vehicles: str | Sequence[int] | None
 ) -> Sequence[Window]:
     if isinstance(windows, str):
-        return car_following(recording, vehicles) if windows == AUTO else parse_windows(windows)
+        return (
+            car_following(recording, vehicles_of(recording, vehicles))
+            if windows == AUTO
+            else parse_windows(windows)
+        )
     try:
         ends = [(w.start, w.end) if isinstance(w, Window) else w for w in windows]
         chosen = [Window(float(first), float(last)) for first, last in ends]
@@ -225,19 +238,6 @@ def _segments(data: Segment | Sequence[Segment]) -> tuple[Segment, ...]:
             " segments of recordings."
         )
     return segments
-
-
-def _recorded(segment: Segment) -> Recording:
-    """A segment as a recording, which an analysis is checked against."""
-    return Recording(
-        source=segment.source,
-        sha256=segment.sha256,
-        names={},
-        time=segment.time,
-        speed=segment.speeds,
-        gap=segment.gaps,
-        mode=np.zeros(segment.speeds.shape, np.int8),
-    )
 
 
 def fit(
@@ -304,20 +304,16 @@ def fit(
         data, start, duration, vehicles, windows=windows, case=case, model=model, fixed=fixed,
         method=method, preset=preset, settings=settings, seed=seed, exclude=exclude,
     )  # fmt: skip
-    with _progress(progress) as on_progress:
+    bar: Any = nullcontext(progress or None)
+    if progress is True:
+        from accpinn.results.progress import progress_bar  # tqdm, for those who watch
+
+        bar = progress_bar(True)
+    with bar as on_progress:
         context = _context(threads, on_progress)
         if isinstance(data, Recording):
             return run(analysis, data, store=store, context=context)
         return run(analysis, None, segments=_segments(data), store=store, context=context)
-
-
-def _progress(progress: bool | OnProgress) -> Any:
-    """A context that gives the function to call with each `Progress`."""
-    if isinstance(progress, bool):
-        from accpinn.results.progress import progress_bar  # tqdm, for those who watch
-
-        return progress_bar(True) if progress else nullcontext(None)
-    return nullcontext(progress)
 
 
 def _context(threads: int | None, on_progress: OnProgress | None = None) -> TaskContext:

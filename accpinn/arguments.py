@@ -8,6 +8,7 @@ each function checks values and shapes. Numbers and arrays of numpy count as Pyt
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache, wraps
 from numbers import Integral, Real
@@ -80,8 +81,15 @@ def checked_function(function: Callable[P, R], name: str) -> Callable[P, R]:
             raise ConfigError(_unbound(name, signature, kwargs, fault)) from None
         for argument, value in bound.arguments.items():
             kind = signature.parameters[argument].kind
-            if argument in hints and kind not in (kind.VAR_KEYWORD, kind.VAR_POSITIONAL):
-                bound.arguments[argument] = _checked(argument, hints[argument], value)
+            if argument not in hints or kind in (kind.VAR_KEYWORD, kind.VAR_POSITIONAL):
+                continue
+            try:
+                bound.arguments[argument] = _converted(hints[argument], value)
+            except _Mismatch:
+                allowed = CURES.get(argument) or _kinds(hints[argument])
+                raise ConfigError(
+                    f"{argument}: {shown(value)} is not allowed; choose {allowed}."
+                ) from None
         return function(*bound.args, **bound.kwargs)
 
     call.__module__, call.__qualname__ = "accpinn", name  # so that it can be pickled by its name
@@ -97,18 +105,11 @@ def checked_method(method: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _described(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
+    """The signature of a function and its annotations by argument, read once."""
     given = {n: hint for n, hint in function.__annotations__.items() if n != "return"}
     names = getattr(inspect.unwrap(function), "__globals__", {})
     hints = get_type_hints(SimpleNamespace(__annotations__=given), names, include_extras=True)
     return inspect.signature(function), hints
-
-
-def _checked(name: str, hint: Any, value: Any) -> Any:
-    try:
-        return _converted(hint, value)
-    except _Mismatch:
-        allowed = CURES.get(name) or _kinds(hint)
-        raise ConfigError(f"{name}: {shown(value)} is not allowed; choose {allowed}.") from None
 
 
 def _unbound(
@@ -166,7 +167,10 @@ def _converted(hint: Any, value: Any) -> Any:
     if origin is Annotated:
         return _converted(args[0], value)
     if origin in (Union, UnionType):
-        return _first(args, value)
+        for alternative in args:
+            with suppress(_Mismatch):
+                return _converted(alternative, value)
+        raise _Mismatch
     if origin is Literal:
         if isinstance(value, str | int | bool) and value in args:
             return value
@@ -199,16 +203,6 @@ def _require(holds: bool, value: Any) -> Any:
     if not holds:
         raise _Mismatch
     return value
-
-
-def _first(kinds: Sequence[Any], value: Any) -> Any:
-    """The value by the first of several annotations that allows it."""
-    for kind in kinds:
-        try:
-            return _converted(kind, value)
-        except _Mismatch:
-            continue
-    raise _Mismatch
 
 
 def _items(kind: Any, args: Sequence[Any], value: Any) -> Any:

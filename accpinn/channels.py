@@ -96,6 +96,6 @@ MAX_VEHICLES = 99
 
 
 def fields(of: object, *names: str) -> dict[str, Any]:
-    """Those attributes of an object under their own names, arrays as lists."""
+    """The named attributes of an object as a dictionary, arrays as lists."""
     values = {name: getattr(of, name) for name in names}
     return {n: v.tolist() if hasattr(v, "tolist") else v for n, v in values.items()}

@@ -1,4 +1,4 @@
-"""How public objects show themselves in a notebook: as they print on a terminal."""
+"""Public objects in a notebook: shown as they print on a terminal."""
 
 from html import escape
 

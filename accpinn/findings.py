@@ -53,7 +53,13 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
         """
         values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
         if self.item_text:
-            values["listed"] = self._listed(values, about)
+            parts = {name: part for name, part in values.items() if isinstance(part, tuple)}
+            items = []
+            for k, number in enumerate(parts["vehicles"]):
+                item = {name: part[k] for name, part in parts.items() if k < len(part)}
+                item["vehicle"] = about.label(number)
+                items.append(_TEMPLATES.format(self.item_text, **item))
+            values["listed"] = ", ".join(items)
         if "{vehicle}" in text:
             values["vehicle"] = who(values["vehicle"], about)
         if "{follower}" in text:
@@ -61,14 +67,6 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
         if "{vehicles}" in text:
             values["vehicles"] = tuple(map(about.label, values["vehicles"]))
         return _TEMPLATES.vformat(text, (), {**values, **self._words(about)})
-
-    def _listed(self, values: Words, about: Labelled) -> str:
-        parts = {name: part for name, part in values.items() if isinstance(part, tuple)}
-        items = []
-        for k, number in enumerate(parts["vehicles"]):
-            fields = {name: part[k] for name, part in parts.items() if k < len(part)}
-            items.append(_TEMPLATES.format(self.item_text, **fields, vehicle=about.label(number)))
-        return ", ".join(items)
 
 
 class _Templates(Formatter):

@@ -1,10 +1,11 @@
 """`python -m bench.unequal`: are unequal gains found where they are, and only there?
 
-Each simulated car has some windows, in which α, β and τ differ from its typical values by
-`BETWEEN` of `bench.coverage`, q and k by `APART`. Its typical q and k are drawn between `LEAST` and
-`MOST`, or are 1: then the car is symmetric. What else it has that the model lacks is one thing at a
-time: a slope, a lag, a delay, limits of the acceleration. Estimated are q and k of the CTHP with
-unequal gains, also behind a lag or a delay, by the recommended method from all windows of a car.
+Each simulated car has some windows behind leaders on a motorway (`bench.disturbed`). Its q and k
+are drawn between `LEAST` and `MOST`, or are 1: then it is symmetric. One thing at a time departs
+from that: α, β, τ, q and k differ between windows by `BETWEEN` of `bench.coverage` and `APART`,
+disturbances are larger, or the car has what the model lacks: a slope, a lag, a delay or limits of
+the acceleration. Estimated are q and k of the CTHP with unequal gains, also behind a lag or a
+delay, by the recommended method from all windows of a car.
 
 Measured are the shares of cars whose 90 % interval of the typical value covers q and k, and the
 median of the joint estimate, relative to the truth, with the quartiles: 1 without bias.
@@ -15,14 +16,15 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from accpinn.inference.intervals import LEVEL
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Parameters, Term
 from accpinn.model.registry import value_of
 from accpinn.model.unequal_gains import UNEQUAL_GAINS
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, interval_ends
 from bench.coverage import BETWEEN, EACH, MANY, SETS, covered, is_covered, simulated
 from bench.disturbed import Disturbance, disturbed
@@ -43,32 +45,55 @@ class Kind(NamedTuple):
 
     model: str = UNEQUAL_GAINS.key
     is_symmetric: bool = True
-    disturbance: Disturbance = Disturbance(standstill=STANDSTILL)
+    disturbance: Disturbance = Disturbance(deviation=0.1, standstill=STANDSTILL)
+    between: float = 0.0
+    """How much windows differ, by `BETWEEN` and `APART`."""
 
 
-LATE = Disturbance(standstill=STANDSTILL, delay=0.6)
-SLOW = Disturbance(standstill=STANDSTILL, lag=0.8)
+def _symmetric(**departure: Any) -> Kind:
+    """Symmetric cars with what the model lacks."""
+    return Kind(disturbance=replace(Kind().disturbance, **departure))
+
+
+def _estimated_late(term: Term, is_symmetric: bool, **departure: Any) -> Kind:
+    """Cars with a lag or a delay that the model has, too."""
+    return Kind(f"{UNEQUAL_GAINS.key}-{term}", is_symmetric, _symmetric(**departure).disturbance)
+
+
 KINDS = {
     "unequal": Kind(is_symmetric=False),
     "equal": Kind(),
-    "equal, delay of .6 s": Kind(disturbance=LATE),
-    "unequal, delay of .6 s, estimated": Kind("unequal-delay", False, LATE),
-    "equal, delay of .6 s, estimated": Kind("unequal-delay", True, LATE),
-    "equal, lag of .8 s": Kind(disturbance=SLOW),
-    "equal, lag of .8 s, estimated": Kind("unequal-lag", True, SLOW),
-    "equal, 2 % uphill": Kind(disturbance=Disturbance(standstill=STANDSTILL, slope=-0.2)),
-    "equal, 2 % downhill": Kind(disturbance=Disturbance(standstill=STANDSTILL, slope=0.2)),
-    **{
-        f"equal, at most {most} m/s²": Kind(
-            disturbance=Disturbance(standstill=STANDSTILL, limits=(-np.inf, most))
-        )
-        for most in (1.2, 0.8)
-    },
-    "equal, -.8 to .8 m/s²": Kind(
-        disturbance=Disturbance(standstill=STANDSTILL, limits=(-0.8, 0.8))
-    ),
+    "unequal, windows differ": Kind(is_symmetric=False, between=1.0),
+    "equal, windows differ": Kind(between=1.0),
+    "unequal, disturbances of .25 m/s²": _symmetric(deviation=0.25)._replace(is_symmetric=False),
+    "equal, disturbances of .25 m/s²": _symmetric(deviation=0.25),
+    "equal, delay of .6 s": _symmetric(delay=0.6),
+    "equal, lag of .8 s": _symmetric(lag=0.8),
+    "equal, 2 % uphill": _symmetric(slope=-0.2),
+    "equal, 2 % downhill": _symmetric(slope=0.2),
+    "equal, at most 1.2 m/s²": _symmetric(limits=(-np.inf, 1.2)),
+    "equal, at most .8 m/s²": _symmetric(limits=(-np.inf, 0.8)),
+    "equal, -.8 to .8 m/s²": _symmetric(limits=(-0.8, 0.8)),
+    "unequal, delay of .6 s, estimated": _estimated_late("delay", False, delay=0.6),
+    "equal, delay of .6 s, estimated": _estimated_late("delay", True, delay=0.6),
+    "equal, lag of .8 s, estimated": _estimated_late("lag", True, lag=0.8),
 }
 """Cars by what they are."""
+
+
+def windows_of_car(seed: int, windows: int, kind: Kind) -> tuple[FloatArray, list[Segment]]:
+    """The typical q and k (2,) of a simulated car, and its windows."""
+    rng, segments = np.random.default_rng([seed, 4]), []
+    is_symmetric = kind.is_symmetric
+    log_q = 0.0 if is_symmetric else rng.uniform(np.log(LEAST), np.log(MOST))
+    typical = np.array([log_q, log_q / 2])
+    for number in range(windows * seed, windows * (seed + 1)):
+        differ, apart = kind.between * rng.standard_normal(3), kind.between * rng.standard_normal(2)
+        theta = SETS[seed % len(SETS)].values * np.exp(BETWEEN * differ)
+        q, k = np.exp(typical + (0.0 if is_symmetric else APART) * apart).tolist()
+        disturbance = replace(kind.disturbance, q=q, k=k)
+        segments.append(disturbed([Parameters(*theta)], number, disturbance, duration=DURATION))
+    return np.exp(typical), segments
 
 
 def car(seed: int, windows: int, kind: Kind) -> dict[str, FloatArray]:
@@ -77,24 +102,13 @@ def car(seed: int, windows: int, kind: Kind) -> dict[str, FloatArray]:
     Returns:
         (2,) each: the typical values, both ends of their intervals, and the joint estimate.
     """
-    rng = np.random.default_rng([seed, 4])
-    is_symmetric = kind.is_symmetric
-    log_q = 0.0 if is_symmetric else rng.uniform(np.log(LEAST), np.log(MOST))
-    typical = np.array([log_q, log_q / 2])
-    segments = []
-    for k in range(windows):
-        theta = SETS[seed % len(SETS)].values * np.exp(BETWEEN * rng.standard_normal(3))
-        apart = np.zeros(2) if is_symmetric else APART * rng.standard_normal(2)
-        q, closing = np.exp(typical + apart).tolist()
-        disturbance = replace(kind.disturbance, q=q, k=closing)
-        number = windows * seed + k
-        segments.append(disturbed([Parameters(*theta)], number, disturbance, duration=DURATION))
+    truth, segments = windows_of_car(seed, windows, kind)
     estimate = estimated(segments, kind.model)
     assert estimate.posterior is not None  # as the recommended method of every model has one
     drawn = _values(kind.model, estimate.posterior.typical[:, 0])
     lower, upper = interval_ends(drawn, LEVEL)
-    joint = _values(kind.model, estimate.parameters[0])
-    return {"truth": np.exp(typical), "lower": lower, "upper": upper, "joint": joint}
+    point = _values(kind.model, estimate.parameters[0])
+    return {"truth": truth, "lower": lower, "upper": upper, "joint": point}
 
 
 def _values(model: str, sets: Parameters) -> FloatArray:

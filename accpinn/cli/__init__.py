@@ -26,6 +26,7 @@ COMMANDS = {
     "judge": ("judge", "car-following models, also your own, in windows left out of their fit"),
     "batch": ("batch", "all windows of many recordings by several methods"),
     "table": ("batch", "what a batch says by make, model, setting, ..."),
+    "dataset": ("dataset", "parameters of all cars in many recordings, ready to be published"),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "drive": ("vehicles", "the drive of the car ahead that would narrow intervals most"),

@@ -10,7 +10,7 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import ALL, CASE, VARIANTS_HELP, chosen_model, named_keys
+from accpinn.cli.options import ALL, CASE, DASK, VARIANTS_HELP, chosen_model, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
@@ -45,9 +45,7 @@ BATCH_OPTIONS = (
     option("--model", default=BEST, metavar="NAME",
            help=f"of the methods that can estimate it ({BEST}): {', '.join(FOLLOWING)}; or a script"
            " ending in .py that registers one, which each worker runs"),
-    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
-    option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place"),
-    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
+    *DASK,
     JSON,
 )  # fmt: skip
 TABLE_OPTIONS = (
@@ -70,13 +68,19 @@ def run_batch(options: argparse.Namespace) -> int:
     """Run the missing estimates, and print the counts of the batch; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     model_key(options.model)  # its script may register methods, too
+    try:
+        window = math.inf if options.window == ALL else float(options.window)
+    except ValueError:
+        raise ConfigError(
+            f'window: "{options.window[:40]}" is no length in s; write 300 or all.'
+        ) from None
     if options.scheduler and (warning := plain_scheduler(options.scheduler)):
         note(f"Warning: {warning}")
     with interruptible() as stopped, _progress_bar() as show_progress:
         summary = batch(
             options.sources,
             options.out,
-            window=_seconds(options.window),
+            window=window,
             methods=named_keys(options.methods, COMPARED, variant_key),
             case=options.case,
             model=options.model,
@@ -90,15 +94,6 @@ def run_batch(options: argparse.Namespace) -> int:
     if summary.stopped:
         return 130
     return 1 if summary.refused and not summary.recordings else 0
-
-
-def _seconds(text: str) -> float:
-    if text == ALL:
-        return math.inf
-    try:
-        return float(text)
-    except ValueError:
-        raise ConfigError(f'window: "{text[:40]}" is no length in s; write 300 or all.') from None
 
 
 @contextmanager

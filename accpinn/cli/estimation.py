@@ -61,9 +61,9 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import known_table
 from accpinn.segment import SegmentInfo
+from accpinn.segment.windows import AUTO
 from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
-from accpinn.study.judge import Judgement, judge, subjects_of
-from accpinn.study.plan import AUTO
+from accpinn.study.judge import judge, subjects_of
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path
@@ -296,23 +296,19 @@ def run_judge(options: argparse.Namespace) -> int:
         rounds = judge(subjects, models, stopped.is_set)
         bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)
         *_, judged = ((), *bar)
+    source = recording.source
+    parts = [source]
+    for car in judged:
+        parts.append(judged_table(car, car.speeds[1]).to_text())
+        parts.append(model_parameters_table(car).to_text())
+        parts.append("\n".join(messages(car.findings, car.info)))
     if judged:
-        source = recording.source
         show_result(
             options,
             lambda: {"source": source, "vehicles": [*map(judgement_document, judged)]},
-            lambda: _judged_text(source, judged),
+            lambda: "\n\n".join(parts),
         )
     return 130 if stopped.is_set() else 0
-
-
-def _judged_text(source: str, judged: tuple[Judgement, ...]) -> str:
-    parts = []
-    for car in judged:
-        tables = judged_table(car, car.speeds[1]), model_parameters_table(car)
-        parts += [table.to_text() for table in tables]
-        parts.append("\n".join(messages(car.findings, car.info)))
-    return "\n\n".join([source, *parts])
 
 
 def run_starts(options: argparse.Namespace) -> int:

@@ -191,20 +191,14 @@ def run_runs(options: argparse.Namespace) -> int:
     """Print the results, the newest first."""
     entries = Store().entries(" ".join(options.words))
     readable = [entry for entry in entries if not entry.fault]
-    show_result(options, lambda: _describe_runs(readable), lambda: _runs_text(readable))
-    return 0
-
-
-def _describe_runs(entries: Sequence[Entry]) -> dict[str, Any]:
-    """The list as one document; parameters have a row a follower."""
     names = ("id", "created", "source", "sha256", "campaign", "window", "vehicles", "method",
              "preset", "case", "name", "note")  # fmt: skip
-    return {
-        "runs": [
-            fields(entry, *names) | {"parameters": [by_key(row) for row in entry.parameters]}
-            for entry in entries
-        ]
-    }
+    rows = [
+        fields(entry, *names) | {"parameters": [by_key(row) for row in entry.parameters]}
+        for entry in readable  # parameters have a row a follower
+    ]
+    show_result(options, lambda: {"runs": rows}, lambda: _runs_text(readable))
+    return 0
 
 
 def _runs_text(entries: Sequence[Entry]) -> str:

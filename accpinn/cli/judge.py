@@ -4,14 +4,14 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.options import ALL, VARIANTS_HELP, named_keys
+from accpinn.cli.options import ALL, DASK, VARIANTS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show
 from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
@@ -38,11 +38,6 @@ FEW = 5
 """Followers of which each has a sentence of its own; --json has that of all."""
 MOST_FAILURES = 3
 """Reasons that are shown; --json and --out have all."""
-WORKERS = option(
-    "--workers", type=int, metavar="N", help="processes on this machine (one a processor)"
-)
-SCHEDULER = option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place")
-MAPPING = option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
 JUDGE_HELP = VARIANTS_HELP.partition("\n\n")[0]
 JUDGE_OPTIONS = (
     option("sources", nargs="+", metavar="RECORDING", help="files, and folders with all below"),
@@ -55,9 +50,7 @@ JUDGE_OPTIONS = (
     option("--reference", metavar="NAME", help="what others are compared with (the first model)"),
     option("--out", metavar="FOLDER", help="write all tables there, with what they were made with"),
     option("--format", choices=[*FORMATS], help="of the printed table (text)"),
-    WORKERS,
-    SCHEDULER,
-    MAPPING,
+    *DASK,
     option("--no-cache", action="store_true", help="neither read nor keep scores"),
     JSON,
 )  # fmt: skip
@@ -84,7 +77,7 @@ def run_judge(options: argparse.Namespace) -> int:
         raise ConfigError(
             f"reference: {options.reference[:40]} is not judged; choose {', '.join(keys)}."
         )
-    workers = None if options.scheduler else options.workers or os.cpu_count() or 1
+    workers = None if options.scheduler else options.workers or _workers(options.sources)
     with interruptible() as stopped, _progress_bar() as show_progress:
         judgements = judge_recordings(
             options.sources,
@@ -108,6 +101,12 @@ def run_judge(options: argparse.Namespace) -> int:
     else:
         show(_text(judgements, options.reference))
     return 0 if judgements.is_whole else 130
+
+
+def _workers(sources: Sequence[str]) -> int | None:
+    """As many processes as processors; of one file none, as they would take longer to start."""
+    is_one = len(sources) == 1 and Path(sources[0]).is_file()
+    return None if is_one else os.cpu_count() or 1
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from textwrap import fill
 from typing import Any
 
@@ -11,11 +11,11 @@ from accpinn.cli.recordings import JSON, RECORDING, chosen_recording, option
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import COMPARED, METHODS, VARIANTS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER, following_model
-from accpinn.recordings import Recording, Window
-from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
+from accpinn.recordings import Recording
+from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
+from accpinn.segment.windows import AUTO, disjoint_windows
 from accpinn.study import Analysis
-from accpinn.study.plan import AUTO
 from accpinn.study.scripts import model_key
 from accpinn.study.store import Store
 
@@ -82,12 +82,19 @@ MODEL = (
            metavar="NAME=VALUE", help="a parameter of the model that keeps its value, as s0=4"),
 )  # fmt: skip
 THREADS = option("--threads", type=int, metavar="N", help="most processor threads for training")
+MAPPING = option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
+DASK = (
+    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
+    option("--scheduler", metavar="URL", help="of dask, as tls://host:8786, in their place"),
+    MAPPING,
+)
+"""Where many recordings are worked on, and how they are read."""
 RUN = (
     THREADS,
     option("--no-cache", action="store_true", help="neither read nor store results"),
     JSON,
 )
-"""How estimations run and how the result is printed."""
+"""Options of running an estimation and of printing the result."""
 METHODS_HELP = "\n".join(
     ["methods:", *(f"  {key:<16} {method.summary}" for key, method in METHODS.items())]
 )
@@ -120,25 +127,19 @@ def chosen_analysis(
     recording = chosen_recording(options)
     windows, duration = getattr(options, "windows", None), options.duration
     if windows == ALL:
-        windows, duration = _all_windows(options, recording), None
+        longest, duration = DURATION if duration is None else duration, None
+        windows = disjoint_windows(recording, longest, options.vehicles)
+        if not windows:
+            raise SegmentError(
+                f"{recording.source}: --windows {ALL} finds no window of {longest:g} s without"
+                " missing samples; choose a shorter --duration."
+            )
     analysis = analyse(
         recording, options.start, duration, options.vehicles, windows=windows, case=options.case,
         model=getattr(options, "model", None), fixed=dict(fixed), method=method, preset=preset,
         settings=settings, exclude=options.exclude,
     )  # fmt: skip
     return analysis, recording
-
-
-def _all_windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
-    """The complete stretches of a recording in pieces of --duration."""
-    longest = DURATION if options.duration is None else options.duration
-    windows = disjoint_windows(recording, longest, options.vehicles)
-    if not windows:
-        raise SegmentError(
-            f"{recording.source}: --windows {ALL} finds no window of {longest:g} s without missing"
-            " samples; choose a shorter --duration."
-        )
-    return windows
 
 
 def chosen_store(options: argparse.Namespace) -> Store | None:

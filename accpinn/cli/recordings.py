@@ -70,7 +70,15 @@ def run_info(options: argparse.Namespace) -> int:
     if options.propose:
         return _propose(options.file)
     recording = chosen_recording(options)
-    show_result(options, lambda: _describe_recording(recording), lambda: _recording_text(recording))
+    document = {
+        "source": recording.source,
+        "sha256": recording.sha256,
+        **facts_of(recording),
+        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
+        "warnings": messages(recording.findings, recording),
+        "findings": msgspec.to_builtins(recording.findings),
+    }
+    show_result(options, lambda: document, lambda: _recording_text(recording))
     return 0
 
 
@@ -85,18 +93,6 @@ def _propose(file: str) -> int:
         note(f"Open: {question}")
     show(write_mapping(proposal.mapping).decode())
     return 0
-
-
-def _describe_recording(recording: Recording) -> dict[str, Any]:
-    """The recording as the command-line contract has it."""
-    return {
-        "source": recording.source,
-        "sha256": recording.sha256,
-        **facts_of(recording),
-        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
-        "warnings": messages(recording.findings, recording),
-        "findings": msgspec.to_builtins(recording.findings),
-    }
 
 
 def _recording_text(recording: Recording) -> str:

@@ -141,15 +141,15 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
     report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
-    known, waves = subject.uncertainty, subject.waves
+    uncertainty, waves = subject.uncertainty, subject.waves
     checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
             | _describe_vehicle(vehicle)
-            | {"margin": _describe_margin(subject.margins.vehicles[k], known)}
+            | {"margin": _describe_margin(subject.margins.vehicles[k], uncertainty is not None)}
             | ({"waves": _describe_waves(waves.vehicles[k])} if waves else {})
-            | (_describe_uncertainty(known, k) if known else {})
+            | (_describe_uncertainty(uncertainty, k) if uncertainty else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
                 "measured_check": checks.get(number)
@@ -200,17 +200,17 @@ def _describe_uncertainty(uncertainty: Uncertainty, k: int) -> dict[str, Any]:
     }
 
 
-def _describe_margin(margin: VehicleMargin, known: Uncertainty | None) -> dict[str, Any]:
-    """The time gap and the margins of a vehicle in s, with intervals where draws are known.
+def _describe_margin(margin: VehicleMargin, with_intervals: bool) -> dict[str, Any]:
+    """The time gap and the margins of a vehicle in s.
 
-    What is infinite becomes null; the state tells why.
+    An infinite margin becomes null; the state tells why.
     """
     norms = {
         name: {
             "smallest": norm.smallest.value,
             "margin": norm.distance.value,
             "state": norm.state.name.lower(),
-            **({"interval": [norm.distance.lower, norm.distance.upper]} if known else {}),
+            **({"interval": [norm.distance.lower, norm.distance.upper]} if with_intervals else {}),
         }
         for name, norm in (("l2", margin.l2), ("linf_exact", margin.linf))
     }

@@ -30,7 +30,7 @@ class Coordinates:
     """φ of a model: its p parameters in standard deviations of their priors."""
 
     def __init__(self, model: FollowingModel) -> None:
-        """For one model of the registry."""
+        """Set up the coordinates of one model of the registry."""
         self.model = model
 
     @property

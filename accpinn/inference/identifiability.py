@@ -102,11 +102,20 @@ def identifiability(
     In Case I all followers share one finding. The duration of the ``recording`` that the window was
     cut from need not be known.
     """
-    every = [
-        _identification(uncertainty, quality, k, vehicle)
-        for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:])
-    ]
-    weak = [finding for finding in every if finding.wide or not finding.is_excited]
+    leader, wide = quality.leader_deviation, wide_intervals(uncertainty)
+    weak = []
+    for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:]):
+        relative, condition = quality.relative_deviation[k], quality.condition[k]
+        is_alone = vehicle > 0
+        finding = WeakIdentification(
+            vehicle,
+            tuple(compress(SYMBOLS, wide[k])),
+            leader if leader < LITTLE_LEADER_MOTION else None,
+            relative if is_alone and relative < LITTLE_RELATIVE_MOTION else None,
+            condition if is_alone and condition > LARGE_CONDITION else None,
+        )
+        if finding.wide or not finding.is_excited:
+            weak.append(finding)
     return (*weak, *_narrower(info, uncertainty, weak, recording))
 
 
@@ -142,17 +151,3 @@ def wide_intervals(uncertainty: Uncertainty) -> Mask:
     lower, upper = uncertainty.lower.values, uncertainty.upper.values
     is_open, is_point = ~np.isfinite(upper), (upper == lower) & (lower > 0.0)
     return np.asarray(np.isfinite(lower) & (is_open | is_point | (upper > WIDE * lower)))
-
-
-def _identification(
-    uncertainty: Uncertainty, quality: Quality, k: int, vehicle: int
-) -> WeakIdentification:
-    leader, relative = quality.leader_deviation, quality.relative_deviation[k]
-    condition, is_alone = quality.condition[k], vehicle > 0
-    return WeakIdentification(
-        vehicle,
-        tuple(compress(SYMBOLS, wide_intervals(uncertainty)[k])),
-        leader if leader < LITTLE_LEADER_MOTION else None,
-        relative if is_alone and relative < LITTLE_RELATIVE_MOTION else None,
-        condition if is_alone and condition > LARGE_CONDITION else None,
-    )

@@ -130,25 +130,17 @@ def _first_proposal(maxima: Sequence[Maximum], least: float, speed: MetresPerSec
         curvatures += np.einsum("kp,pq->kpq", held * usual, np.eye(len(usual)))
         grid = [maximum.coordinates[-1] for maximum in maxima[1:]]
         curvatures[1:, -1, -1] += 1.0 / np.gradient(grid) ** 2
-    parts = tuple(
-        _curved(maximum.coordinates, curvature)
-        for maximum, curvature in zip(maxima, curvatures, strict=True)
-    )
-    mass = [
-        maximum.criterion + np.log(np.diag(part.root[1])).sum()
-        for maximum, part in zip(maxima, parts, strict=True)
-    ]
-    return Proposal(parts, floored(normalised(np.array(mass))), least, speed)
-
-
-def _curved(centre: FloatArray, curvature: FloatArray) -> Student:
-    """The distribution whose log density has a curvature (P, P) at the centre."""
-    free = np.diag(curvature) > 0
-    free[:3] = True
-    values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
-    scale = np.zeros_like(curvature)
-    scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
-    return Student(centre, scale)
+    parts, mass = list[Student](), []
+    for maximum, curvature in zip(maxima, curvatures, strict=True):
+        free = np.diag(curvature) > 0
+        free[:3] = True
+        square = np.ix_(free, free)
+        values, vectors = np.linalg.eigh(curvature[square])
+        scale = np.zeros_like(curvature)
+        scale[square] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
+        parts.append(Student(maximum.coordinates, scale))
+        mass.append(maximum.criterion + np.log(np.diag(parts[-1].root[1])).sum())
+    return Proposal(tuple(parts), floored(normalised(np.array(mass))), least, speed)
 
 
 def _inside(criterion: Criterion, group: int, part: Maximum, speed: MetresPerSecond) -> Maximum:

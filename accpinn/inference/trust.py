@@ -17,7 +17,7 @@ from accpinn.methods.simulation import counted_stretches
 from accpinn.model.cthp import Parameters, collides
 from accpinn.model.registry import time_gap
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, Metres, MetresPerSecond
+from accpinn.units import Metres, MetresPerSecond
 
 ALIKE = 0.05
 """Relative difference up to which two time gaps are called the same."""
@@ -135,8 +135,15 @@ def trust(
     gap, same = float(time_gap(model, parameters, speed)), None
     if by_window is not None:
         same = int((np.abs(time_gap(model, by_window, speed) - gap) <= ALIKE * gap).sum())
-    off = [_errors(pair, model, parameters) for pair in pairs]
-    errors = np.concatenate([part for part, _ in off]) if off else np.empty(0)
+    errors, is_collided = np.empty(0), False  # of the simulated gap in m
+    for pair in pairs:
+        motion = simulated(pair, model, parameters[None])
+        if motion is None:
+            continue
+        rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])
+        gaps, true_gaps = np.nan_to_num(motion.gaps[rows, 0], nan=FAR), pair.measured_gaps[rows, 0]
+        errors = np.append(errors, gaps - true_gaps)
+        is_collided |= bool((collides(gaps) & (true_gaps > 0)).any())
     finite = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
     measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
     counts = [len(gaps) for gaps in measured]
@@ -148,15 +155,5 @@ def trust(
         speed,
         float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan"),
         float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
-        any(collided for _, collided in off),
+        is_collided,
     )
-
-
-def _errors(pair: Segment, model: str, parameters: Parameters) -> tuple[FloatArray, bool]:
-    """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
-    motion = simulated(pair, model, parameters[None])
-    if motion is None:
-        return np.empty(0), False
-    rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])
-    gaps, measured = np.nan_to_num(motion.gaps[rows, 0], nan=FAR), pair.measured_gaps[rows, 0]
-    return gaps - measured, bool((collides(gaps) & (measured > 0)).any())

@@ -233,11 +233,10 @@ def posterior_findings(estimate: Estimate, vehicles: Sequence[int]) -> tuple[Pos
         return ()
     is_shared = estimate.case == "I" and len(vehicles) > 2
     numbers = (0,) if is_shared else tuple(vehicles[1:])
-    return (
-        *_unlike_windows(estimate, posterior, numbers),
-        *_unlike_followers(posterior, len(vehicles) - 1),
-        *_of_followers(estimate, posterior, numbers),
-    )
+    findings: list[PosteriorFinding] = [*_unlike_windows(estimate, posterior, numbers)]
+    if posterior.followers_differ < SIGNIFICANCE:  # by their separate estimates
+        findings.append(HeterogeneousFollowers(len(vehicles) - 1, posterior.followers_differ))
+    return (*findings, *_of_followers(estimate, posterior, numbers))
 
 
 def _unlike_windows(
@@ -252,12 +251,6 @@ def _unlike_windows(
     spreads = [float(np.ptp(column)) for column in determined if len(column) > 1]
     numbers, most = tuple(vehicles[k] for k in unlike), float(posterior.differ[unlike].max())
     yield HeterogeneousWindows(numbers, len(gaps), most, max(spreads, default=None))
-
-
-def _unlike_followers(posterior: Posterior, followers: int) -> Iterator[HeterogeneousFollowers]:
-    """A finding where followers that share their parameters differ in estimates by themselves."""
-    if posterior.followers_differ < SIGNIFICANCE:
-        yield HeterogeneousFollowers(followers, posterior.followers_differ)
 
 
 def _of_followers(

@@ -116,7 +116,7 @@ class Method:
     """Whether, with settings as JSON, blocks of samples may be missing for longer than a straight
     line may bridge."""
     duration: Callable[[Segments, Any], Seconds] | None = None
-    """How long it takes on windows with settings, where that depends on these."""
+    """Typical time on windows with settings, where it depends on these."""
     phases: Callable[[Segments, Any, ModelSpec], Mapping[str, Phase]] | None = None
     """Its phases by name on windows with settings and a model, in their order; None where it tells
     no progress."""
@@ -193,8 +193,15 @@ class Method:
         self.check(spec, settings)
         if not self.allows_missing(self._json(settings)):
             for segment in windows:
-                if segment.blocks_missing:
-                    raise _refusal(segment, self.title)
+                if not segment.blocks_missing:
+                    continue
+                first = max(segment.blocks_missing, key=lambda block: block.share)
+                where = max(first.windows, key=lambda window: window.duration)
+                raise SegmentError(
+                    f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
+                    f' "{self.title}" needs all samples; take a window without it, or choose the'
+                    " preset calibrated."
+                )
         return self.run(windows, case, settings, context or TaskContext(), spec)
 
     def _json(self, settings: Any) -> Mapping[str, Any]:
@@ -208,16 +215,6 @@ class Method:
 def relative_size(segment: Segment) -> float:
     """The size of a segment in relation to one follower over 300 s."""
     return segment.samples / TYPICAL_SAMPLES * (1 + FURTHER * (segment.followers - 1))
-
-
-def _refusal(segment: Segment, title: str) -> SegmentError:
-    """The error for a method that cannot use a segment in which blocks of samples are missing."""
-    first = max(segment.blocks_missing, key=lambda block: block.share)
-    where = max(first.windows, key=lambda window: window.duration)
-    return SegmentError(
-        f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
-        f' "{title}" needs all samples; take a window without it, or choose the preset calibrated.'
-    )
 
 
 def direct(

@@ -58,7 +58,7 @@ class Gains(NamedTuple):
 
     @classmethod
     def of(cls, covariance: FloatArray, back: FloatArray, noise: FloatArray) -> "Gains":
-        """From P (u, n, n), Fᵀ (u, n, n), and the noise's variances (3, u)."""
+        """Gains by P (u, n, n), Fᵀ (u, n, n), and the noise's variances (3, u)."""
         p = np.ascontiguousarray(covariance[:, :WIDTH, :WIDTH].transpose(1, 2, 0))
         count = len(covariance)
         variances, whitening = np.empty((count, WIDTH)), np.tile(np.eye(WIDTH), (count, 1, 1))
@@ -145,7 +145,7 @@ class ConstantGain:
     """
 
     def __init__(self, transition: FloatArray, gains: Gains) -> None:
-        """From F (u, n, n)."""
+        """Set up the filter of a transition F (u, n, n) and its gains."""
         self.whitening = gains.whitening / np.sqrt(gains.variances)[:, :, None]
         """(u, 3, 3): from measurements less the predicted ones to e, in its deviations."""
         self._drive = turned(gains.whitening) @ gains.gains

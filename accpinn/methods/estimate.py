@@ -1,7 +1,7 @@
 """The result of every estimation method: one `Estimate` of one window or of several."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -12,7 +12,7 @@ from accpinn.arguments import check_level, checked_method
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import TERMS, Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.model.spec import ModelSpec
@@ -228,10 +228,10 @@ class Progress:
     """One moment of a running estimation, handed to whoever watches."""
 
     phase: str
-    """What runs: "start", "Adam", "L-BFGS", ..."""
+    """Phase that runs: "start", "Adam", "L-BFGS", ..."""
     iteration: int
     iterations: int
-    """How many are expected until the end of the phase, at most those planned."""
+    """Number expected until the end of the phase, at most those planned."""
     seconds: Seconds
     """Since the estimation began, without pauses."""
     total: float
@@ -275,7 +275,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class History(_Part):
-    """How loss and parameters moved; K kept entries, oldest first."""
+    """Course of loss and parameters in a training: K stored entries, oldest first."""
 
     iteration: FloatArray
     """(K,)"""
@@ -333,7 +333,7 @@ class Span(Quantity):
     def of(
         cls, value: FloatArray, draws: tuple[FloatArray, FloatArray] | None, level: float
     ) -> Self:
-        """From the value (), draws (n,) of the typical one and draws (n,) in a further window.
+        """Intervals of a value () by draws (n,) of the typical one and (n,) in a further window.
 
         Without draws all ends are nan.
         """
@@ -573,7 +573,8 @@ class Estimate:
     def span(self, name: str, follower: int, level: float | None = None) -> Span:
         """One parameter of one follower (0 for the first), by its name; see `names`.
 
-        The ``level`` of its interval is by default that of the posterior.
+        The ``level`` of its interval is by default that of the posterior. A lag or a delay at its
+        least value is an end of its interval, as all draws lie above it.
 
         Raises:
             ConfigError: for another name or follower.
@@ -582,7 +583,9 @@ class Estimate:
             raise ConfigError(
                 f"span: {str(name)[:40]} is not known; choose from {', '.join(self.names)}."
             )
-        return self._span((name,), follower, lambda sets: self.values(sets, name), level)
+        span = self._span((name,), follower, lambda sets: self.values(sets, name), level)
+        is_late = self.following.is_linear and name in TERMS[1:]
+        return replace(span, lower=span.value) if is_late and span.value < span.lower else span
 
     def gain(self, name: str, follower: int) -> Span:
         """The α or β of one follower; of a model that is no CTHP at its median speed."""
@@ -676,7 +679,7 @@ class Recorder:
         self._sets = len(progress.parameters)
 
     def __len__(self) -> int:
-        """How many moments are stored."""
+        """Number of stored moments."""
         return len(self._rows)
 
     def history(self) -> History:
@@ -696,10 +699,10 @@ class Recorder:
         return History(**named, parameters=Parameters.of(tables))
 
     def state(self) -> Checkpoint:
-        """For a checkpoint of a training whose parameters have no deviations."""
+        """The moments as arrays of a checkpoint; without deviations, which no such training has."""
         return {"history.rows": np.array(self._rows), "history.sets": np.array(self._sets)}
 
     def restore(self, state: Checkpoint) -> None:
-        """From a checkpoint."""
+        """Take the moments from the arrays of a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
         self._sets = int(state["history.sets"])

@@ -1,4 +1,4 @@
-"""How long an estimation still takes, whose phases follow each other, and when to draw its curves.
+"""Time left of an estimation in several phases, and the pace at which its curves are drawn.
 
 A phase that is under way goes on as it did. Phases that follow take their typical time, which is
 that of a reference computer, times how much slower the phases so far were than on that.
@@ -59,7 +59,11 @@ class Forecast:
     def of(self, now: Progress) -> Progress:
         """The same moment with the time left; moments come in their order."""
         if now.phase != self._name:
-            self._end_phase(now.seconds)
+            if ended := self._phases.get(self._name):  # of an unknown phase nothing is learned
+                began, first = self._first
+                self._spent += now.seconds - began
+                self._typical += max(1, self._recent[-1][1] - first) * ended.seconds
+            self._recent.clear()
             self._name, self._first = now.phase, (now.seconds, now.iteration)
         self._recent.append((now.seconds, now.iteration))
         length = max(LEAST, LAST * (now.seconds - self._first[0]))
@@ -67,28 +71,20 @@ class Forecast:
             self._recent.popleft()
         return replace(now, left=self._left(now))
 
-    def _end_phase(self, seconds: Seconds) -> None:
-        if phase := self._phases.get(self._name):  # of an unknown one nothing is learned
-            began, first = self._first
-            iterations = self._recent[-1][1] - first
-            self._spent += seconds - began
-            self._typical += max(1, iterations) * phase.seconds
-        self._recent.clear()
-
     def _left(self, now: Progress) -> Seconds | None:
-        """By the present phase's latest rate, and by what its typical time was found to be."""
-        names, known = [*self._phases], self._phases.get(now.phase)
-        later = names[names.index(now.phase) + 1 :] if known else names
+        """The time left in s, by the phase's latest rate and by how slow past phases were."""
+        names, phase = [*self._phases], self._phases.get(now.phase)
+        later = names[names.index(now.phase) + 1 :] if phase else names
         (began, first), (since, start) = self._first, self._recent[0]
         done = now.iteration - first
-        if known is None and not done:
+        if phase is None and not done:
             return None
         spent, typical, weight = self._spent, self._typical, 0.0
-        if known and done:
-            spent, typical = spent + now.seconds - began, typical + done * known.seconds
+        if phase and done:
+            spent, typical = spent + now.seconds - began, typical + done * phase.seconds
         slowness, usual = spent / typical, 0.0
-        if known:
-            weight, usual = max(PRIOR * (now.iterations - first), 0.5), slowness * known.seconds
+        if phase:
+            weight, usual = max(PRIOR * (now.iterations - first), 0.5), slowness * phase.seconds
         each = (now.seconds - since + weight * usual) / (now.iteration - start + weight)
         following = sum(self._phases[n].iterations * self._phases[n].seconds for n in later)
         return max(now.iterations - now.iteration, 0) * each + slowness * following

@@ -119,7 +119,7 @@ class Criterion:
     """Gain that is worth no further round; a search that expects less ends."""
 
     def __init__(self, series: Series, spec: ModelSpec = PAPER_SPEC, is_flat: bool = False) -> None:
-        """For series under a CTHP, whose terms have no prior where it is flat."""
+        """Set up the criterion of series under a CTHP, whose terms have no prior if it is flat."""
         self.series, self.form, values = series, spec.model, dict(spec.fixed)
         unknowns = [
             replace(unknown, start=value, lower=value, upper=value)

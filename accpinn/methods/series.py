@@ -66,7 +66,18 @@ def series_of(
     counts = [sum(map(_complete, pieces)) for pieces in parts]
     if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
         if case == "II" or sum(counts) < LEAST_SAMPLES:
-            raise SegmentError(_too_little(segments[0], lacking))
+            segment, least = segments[0], f"at least {LEAST_SAMPLES * SPACING:g} s"
+            cure = f"take a window in which {least} count and are measured"
+            if len(lacking) == segment.followers:
+                raise SegmentError(
+                    f"{segment.source}: what is left of {segment.window} is too short for the"
+                    f" likelihood; {cure}."
+                )
+            who = " and ".join(segment.labels[k + 1] for k in lacking)
+            raise SegmentError(
+                f"{segment.source}: too little of {who} is measured at {segment.window} for the"
+                f" likelihood; choose other vehicles, or {cure}."
+            )
     group = [0 if case == "I" else at for at, pieces in enumerate(parts) for _ in pieces]
     every = [part for pieces in parts for part in pieces]
     measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
@@ -86,19 +97,6 @@ def _measured_parts(segments: Sequence[Segment], follower: int) -> list[FloatArr
         pieces = [measured[stretch.rows] for stretch in stretches(rows)]
         parts += [piece for piece in pieces if _complete(piece) >= SHORTEST_STRETCH]
     return parts
-
-
-def _too_little(segment: Segment, lacking: Sequence[int]) -> str:
-    """An error that names followers with too few measurements, and the cure."""
-    least = f"take a window in which at least {LEAST_SAMPLES * SPACING:g} s count and are measured"
-    if len(lacking) == segment.followers:
-        left = f"{segment.source}: what is left of {segment.window}"
-        return f"{left} is too short for the likelihood; {least}."
-    who = " and ".join(segment.labels[k + 1] for k in lacking)
-    return (
-        f"{segment.source}: too little of {who} is measured at {segment.window} for the likelihood;"
-        f" choose other vehicles, or {least}."
-    )
 
 
 def _complete(measured: FloatArray) -> int:

@@ -139,7 +139,7 @@ class Drives:
         return np.asarray(model.integrate(theta[:, None], self.ahead, *start, self.step)[:, :, 0])
 
     def motion(self, model: FollowingModel, parameters: Parameters) -> Trajectories:
-        """The same of one window of W followers (W,), nan of those that diverge or are unknown."""
+        """Motion in one window of W followers (W,); nan of those that diverge or are unknown."""
         theta = np.array([value_of(model.key, parameters, name) for name in model.names])
         gaps, speeds = np.moveaxis(self.simulated(model, theta), 1, 0)
         time = self.step * np.arange(len(gaps), dtype=np.float64)

@@ -46,18 +46,18 @@ from accpinn.units import FloatArray
 
 
 def cthp(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from α, β, τ: the paper's model, without s₀."""
+    """Acceleration in m/s² by α, β, τ: the paper's model, without s₀."""
     alpha, beta, tau = theta[:3]
     return alpha * (p - tau * v) + beta * (u - v)
 
 
 def cthp_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from α, β, τ, s₀."""
+    """Acceleration in m/s² by α, β, τ, s₀."""
     return cthp(p - theta[3], v, u, theta, xp)
 
 
 def idm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from a, b, T, s₀, v₀."""
+    """Acceleration in m/s² by a, b, T, s₀, v₀."""
     a, b, headway, s0, v0 = theta[:5]
     wanted = s0 + v * (headway + (v - u) / (2.0 * xp.sqrt(a * b)))
     pace, closeness = (v / v0) ** 2, wanted / p
@@ -65,7 +65,7 @@ def idm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
 
 
 def fvdm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from κ, γ, V₁, c, p₀."""
+    """Acceleration in m/s² by κ, γ, V₁, c, p₀."""
     kappa, relative, scale, steepness, middle = theta[:5]
     optimal = scale * (xp.tanh(steepness * (p - middle)) + xp.tanh(steepness * middle))
     return kappa * (optimal - v) + relative * (u - v)

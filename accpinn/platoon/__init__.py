@@ -113,7 +113,7 @@ class TooShort(Finding, frozen=True):
 
     period: Seconds
     duration: Seconds
-    """That would be enough."""
+    """Duration that is enough, in s."""
 
 
 class TransientLeft(Finding, frozen=True):
@@ -127,7 +127,7 @@ class TransientLeft(Finding, frozen=True):
 
     follower: int
     duration: Seconds
-    """That would be enough."""
+    """Duration that is enough, in s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class PlatoonRun:
     findings: tuple[Finding, ...]
     """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
     linear: Trajectories | None = None
-    """What the linearisation at the leader's first speed does; None for a model that is linear."""
+    """Motion of the linearisation at the leader's first speed; None for a model that is linear."""
 
     @cached_property
     def valid(self) -> Trajectories:
@@ -267,7 +267,12 @@ def simulate_platoon(
             )
     wave = _amplitudes(about, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
-    meaningful = _meaningful(driven, collisions)
+    # The motion of a vehicle has a meaning until a collision of it or of one ahead.
+    ends = np.full(driven.speeds.shape[1], np.inf)
+    for hit in collisions:
+        ends[hit.follower :] = np.minimum(ends[hit.follower :], hit.time)
+    meaningful = np.maximum(2, np.searchsorted(driven.time, ends, side="right"))
+    meaningful.setflags(write=False)
     counts = np.arange(len(driven.time))[:, None] < meaningful
     reversals = [
         Reversal(vehicle, float(driven.time[at]))
@@ -390,16 +395,6 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     return tuple(sorted(collisions, key=lambda collision: collision.time))
 
 
-def _meaningful(driven: Trajectories, collisions: tuple[Collision, ...]) -> NDArray[np.intp]:
-    """(M+1,) samples of each vehicle until a collision of it or of one ahead."""
-    ends = np.full(driven.speeds.shape[1], np.inf)
-    for hit in collisions:
-        ends[hit.follower :] = np.minimum(ends[hit.follower :], hit.time)
-    counts = np.maximum(2, np.searchsorted(driven.time, ends, side="right"))
-    counts.setflags(write=False)
-    return counts
-
-
 def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
     """Amplitudes measured in the run and predicted, with the time until they can agree."""
     single = response(parameters, np.array([leader.frequency]))[:, 0]
@@ -413,20 +408,16 @@ def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> 
         along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
     unstable = np.cumsum([0] + [rate < 0 for rate in rates]) > 0
     predicted = np.where(unstable, np.inf, np.nan_to_num(along, nan=0.0, posinf=np.inf))
-    findings = _amplitude_findings(leader, settled, periods, run.time[-1])
-    return Amplitudes(frozen(measured), frozen(predicted), frozen(settled), periods, findings)
-
-
-def _amplitude_findings(
-    leader: Sinusoid, settled: FloatArray, periods: int, end: Seconds
-) -> tuple[Finding, ...]:
+    findings: tuple[Finding, ...] = ()
     last = int(np.argmax(settled))
     needed = leader.settle + float(settled[last]) + leader.period
     if isinf(needed):
-        return (NeverSettles(last),)
-    if not periods:
-        return (TooShort(leader.period, ceil(needed)),)
-    return (TransientLeft(last, ceil(needed)),) if needed > end + 1e-9 else ()
+        findings = (NeverSettles(last),)
+    elif not periods:
+        findings = (TooShort(leader.period, ceil(needed)),)
+    elif needed > run.time[-1] + 1e-9:
+        findings = (TransientLeft(last, ceil(needed)),)
+    return Amplitudes(frozen(measured), frozen(predicted), frozen(settled), periods, findings)
 
 
 def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:

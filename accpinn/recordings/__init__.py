@@ -51,7 +51,7 @@ FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
 
 
 class Mode(IntEnum):
-    """Who controls a vehicle's speed at one instant."""
+    """Driver of a vehicle at one instant: ACC, or a person."""
 
     UNKNOWN = -1
     HUMAN = 0
@@ -129,7 +129,7 @@ class ValuesOutOfRange(Finding, frozen=True):
         return self.extreme > RECORDED[self.channel].highest
 
     def outside(self, values: FloatArray) -> Mask:
-        """Where values (..) of the channel lie outside on that side."""
+        """True where values (..) of the channel lie outside on that side."""
         channel = RECORDED[self.channel]
         return np.asarray(values > channel.highest if self.is_above else values < channel.lowest)
 
@@ -169,7 +169,7 @@ class ValuesFrozen(Finding, frozen=True):
     vehicle: int
     """The one whose speed, or whose gap to the vehicle ahead, it is."""
     samples: int
-    """Those that repeat the value before them, in repetitions that are too long to be motion."""
+    """Samples that repeat the value before them, for too long to be motion."""
     windows: tuple[Window, ...]
     """These repetitions, each with the value that is repeated."""
 
@@ -251,7 +251,7 @@ class Recording(Displayed):
     trajectory: str | None = None
     """Name of the table's trajectory; None where the file holds one run."""
     mapping: CsvMapping | None = None
-    """How the table was read; None for an OpenACC run, a table of pairs and arrays."""
+    """Mapping by which the table was read; None for an OpenACC run, a table of pairs and arrays."""
 
     def __post_init__(self) -> None:
         """Copy the arrays and lock them.

@@ -52,7 +52,12 @@ def from_arrays(
         >>> mine.duration, mine.label(2), mine.findings
         (59.9, '2 Audi A6', ())
     """
-    _check_units(units)
+    if not isinstance(units, tuple | list) or len(units) != 3:
+        raise _refusal("units", f"{excerpt(repr(units))} is not allowed", 'give ("s", "m/s", "m")')
+    for unit, choices in zip(units, (clocks.FORMS, SPEED_UNITS, GAP_UNITS), strict=True):
+        if unit not in choices:
+            listed = ", ".join(choices)
+            raise _refusal("units", f"{excerpt(repr(unit))} is not known", f"choose from {listed}")
     speed = _array("speeds", speeds, SPEED_UNITS[units[1]], SPEED)
     gap = _array("gaps", gaps, GAP_UNITS[units[2]], GAP)
     gap = gap[:, None] if gap.ndim == 1 else gap
@@ -153,17 +158,6 @@ def _column(argument: str, series: "pd.Series[Any]") -> FloatArray:
     except (TypeError, ValueError):
         fault = f'column "{excerpt(str(series.name))}" holds other things than numbers'
         raise _refusal(argument, fault, "give numbers, nan where missing") from None
-
-
-def _check_units(units: Units) -> None:
-    """Refuse units that are not known."""
-    allowed = (clocks.FORMS, SPEED_UNITS, GAP_UNITS)
-    if not isinstance(units, tuple | list) or len(units) != 3:
-        raise _refusal("units", f"{excerpt(repr(units))} is not allowed", 'give ("s", "m/s", "m")')
-    for unit, choices in zip(units, allowed, strict=True):
-        if unit not in choices:
-            listed = ", ".join(choices)
-            raise _refusal("units", f"{excerpt(repr(unit))} is not known", f"choose from {listed}")
 
 
 def _array(argument: str, values: ArrayLike, factor: float, quantity: Quantity) -> FloatArray:

@@ -79,7 +79,16 @@ def unpacked(raw: bytes, refused: Refusal) -> Contents:
         RecordingError: made by ``refused``, when the file is broken, locked or too large.
     """
     if raw.startswith(GZIP):
-        return _table(_gunzipped(raw, refused), refused)
+        import gzip
+
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(raw)) as stream:
+                content = stream.read(LIMIT_BYTES + 1)
+        except (OSError, EOFError, zlib.error):
+            raise refused("the gzip archive is damaged or cut short", _AGAIN) from None
+        if len(content) > LIMIT_BYTES:
+            raise _too_large(refused)
+        return _table(content, refused)
     if raw.startswith(ZIP):
         return _zipped(raw, refused)
     return _table(raw, refused)
@@ -88,7 +97,10 @@ def unpacked(raw: bytes, refused: Refusal) -> Contents:
 def _table(raw: bytes, refused: Refusal) -> Contents:
     """The text of bytes that are no archive, except that a workbook is one."""
     if raw.startswith(_UTF16_MARKS):
-        raw = _utf16(raw, refused)
+        try:
+            raw = raw.decode("utf-16").encode()
+        except UnicodeError:
+            raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
     if raw.startswith(_PARQUET):
         return Contents(_parquet(raw, refused))
     if raw.startswith(ZIP):
@@ -107,26 +119,6 @@ def _table(raw: bytes, refused: Refusal) -> Contents:
 def _too_large(refused: Refusal) -> RecordingError:
     fault = f"unpacked, the file has more than {LIMIT_BYTES / 1e6:.1f} MB, which is the limit"
     return refused(fault, "split it, or choose a single run")
-
-
-def _gunzipped(raw: bytes, refused: Refusal) -> bytes:
-    import gzip
-
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(raw)) as stream:
-            content = stream.read(LIMIT_BYTES + 1)
-    except (OSError, EOFError, zlib.error):
-        raise refused("the gzip archive is damaged or cut short", _AGAIN) from None
-    if len(content) > LIMIT_BYTES:
-        raise _too_large(refused)
-    return content
-
-
-def _utf16(raw: bytes, refused: Refusal) -> bytes:
-    try:
-        return raw.decode("utf-16").encode()
-    except UnicodeError:
-        raise refused("the UTF-16 text is damaged", "save it as plain CSV (UTF-8)") from None
 
 
 def open_zip(raw: bytes, refused: Refusal) -> "zipfile.ZipFile":

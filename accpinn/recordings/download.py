@@ -204,8 +204,13 @@ class _Publisher:
                 self.is_down.set()
                 raise unreachable from None
             raise
-        if run.sha256 is None:
-            _require_run(run, Path(place))
+        if run.sha256 is None:  # the catalogue has none, so a header of OpenACC has to do
+            with Path(place).open("rb") as file:
+                first = file.read(200).lstrip(b"\xef\xbb\xbf \r\n").decode("utf-8", "replace")
+            if first.partition(",")[0].strip().lower() not in {key.lower() for key in METADATA}:
+                raise RecordingError(
+                    f"{run.key}: what the server sends is no OpenACC run; it was not kept."
+                )
         elif pooch.file_hash(place) != run.sha256:
             raise RecordingError(
                 f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
@@ -233,13 +238,3 @@ class _Publisher:
 
 def _status(fault: requests.HTTPError) -> int:
     return fault.response.status_code if fault.response is not None else 0
-
-
-def _require_run(run: Run, place: Path) -> None:
-    """Refuse a file without an OpenACC header; the catalogue has no checksum of it."""
-    with place.open("rb") as file:
-        first = file.read(200).lstrip(b"\xef\xbb\xbf \r\n").decode("utf-8", "replace")
-    if first.partition(",")[0].strip().lower() not in {key.lower() for key in METADATA}:
-        raise RecordingError(
-            f"{run.key}: what the server sends is no OpenACC run; it was not kept."
-        )

@@ -1,4 +1,4 @@
-"""How a file becomes a recording: an OpenACC run, a table of pairs, or any other table.
+"""Reading a file as a recording: an OpenACC run, a table of pairs, or any other table.
 
     read -> source.py, containers.py    bytes, unpacked to CSV text
          -> table_layout.py, tables.py  rows and columns by name
@@ -214,20 +214,17 @@ class File:
                 contradicts the data, and for anything wrong with the file.
         """
         if self.is_unknown:
-            return self._read_as_proposed(trajectory)
+            if not self.proposal.is_supported:
+                question = excerpt(self.proposal.undecided[0].rstrip("."), 120)
+                raise self.content.refusal(f"its columns leave open: {question}", _OFFER)
+            file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
+            return self.checked(file.read(trajectory))
         if trajectory is not None and not self.runs:
             fault = "an OpenACC file is one run, without trajectories"
             raise self.content.refusal(fault, "leave the trajectory out")
         kind = "trajectories" if self.mapping else "platoons"
         run = choose_run(self.content, self.runs, trajectory, kind) if self.runs else None
         return self.bounded(run.read() if run else openacc.read(self.content))
-
-    def _read_as_proposed(self, trajectory: str | None) -> Recording:
-        if not self.proposal.is_supported:
-            question = excerpt(self.proposal.undecided[0].rstrip("."), 120)
-            raise self.content.refusal(f"its columns leave open: {question}", _OFFER)
-        file = replace(self, mapping=self.supported_mapping, notes=self.read_as)
-        return self.checked(file.read(trajectory))
 
     def bounded(self, recording: Recording) -> Recording:
         """The recording, unless it has more vehicles than can be listed.
@@ -263,33 +260,18 @@ def opened(source: Source, name: str | None = None, mapping: CsvMapping | None =
     content = read_bytes(source, name)
     if mapping:
         return File(content, layout_of(content), mapping)
-    if _first_cell(content) in {key.lower() for key in METADATA} and not _names_columns(content):
+    first_row = content.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[0]
+    first, second = (*(cell.strip() for cell in first_row.split(",")), "")[:2]
+    # A table may have columns named Date or ACC; in an OpenACC file a number follows these words.
+    names_columns = first.lower() in ("date", "acc") and second[:1].isalpha()
+    if first.lower() in {key.lower() for key in METADATA} and not names_columns:
         return File(content)
     try:
         layout = layout_of(content)
     except RecordingError:
-        if _first_cell(content) == TIME.column.lower() or openacc.accompanies_runs(content):
+        if first.lower() == TIME.column.lower() or openacc.accompanies_runs(content):
             return File(content)  # whose own sentence says more
         raise
     if openacc.is_run(layout):
         return File(content)
     return File(content, layout)
-
-
-def _first_row(content: SourceFile) -> str:
-    return content.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[0]
-
-
-def _first_cell(content: SourceFile) -> str:
-    """The first cell, in small letters, which identifies an OpenACC file."""
-    return _first_row(content).partition(",")[0].strip().lower()
-
-
-def _names_columns(content: SourceFile) -> bool:
-    """Whether the first row of a table begins with a column named Date or ACC.
-
-    In an OpenACC file a number follows it, or nothing.
-    """
-    first, _, others = _first_row(content).partition(",")
-    second = others.partition(",")[0].strip()
-    return first.strip().lower() in ("date", "acc") and second[:1].isalpha()

@@ -43,7 +43,7 @@ STALE = 6.0
 """Acceleration in m/s² above which the sample before was a repetition of an older one."""
 AHEAD, BEHIND, THE_GAP = range(3)
 SHIFTED = {AHEAD: (1.0, 0.0), BEHIND: (0.0, 1.0), THE_GAP: (1.0, 1.0)}
-"""Which of δ_ahead and δ_behind vary where the clock of one channel differs."""
+"""Factors of δ_ahead and δ_behind where the clock of one channel differs."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ Here a row is one instant of all vehicles; trajectories.py reads tables of one r
 instant.
 """
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,6 @@ from accpinn.recordings.mapped_columns import measured_channel, read_mapped_colu
 from accpinn.recordings.mapping import (
     CsvMapping,
     GapColumn,
-    SpeedColumn,
     check_mapping,
 )
 from accpinn.recordings.names import ColumnName
@@ -120,7 +118,14 @@ def _wide(
     at, stamps = time_stamps(columns, mapping)
     stamps, _ = clocks.unwrapped(stamps)
     time = columns.time(at, stamps)
-    speeds = _speeds(columns, mapping.speeds)
+    recorded = [
+        measured_channel(columns, SPEED, speed.column, SPEED_UNITS[speed.unit], speed.reversed)
+        for speed in mapping.speeds
+    ]
+    speeds = [
+        values + recorded[speed.relative_to - 1] if speed.relative_to else values
+        for values, speed in zip(recorded, mapping.speeds, strict=True)
+    ]
     gaps = [_gap(columns, gap) for gap in mapping.gaps]
     for k, speed in enumerate(speeds[1:]):
         gaps[k], lost = without_lost_targets(k + 1, time, speed, gaps[k])
@@ -154,18 +159,6 @@ def _wide(
         findings=findings,
         mapping=mapping,
     )  # fmt: skip
-
-
-def _speeds(columns: Columns, speeds: Sequence[SpeedColumn]) -> list[FloatArray]:
-    """(V,) speeds (N,) in m/s, relative ones added to those that they are relative to."""
-    recorded = [
-        measured_channel(columns, SPEED, speed.column, SPEED_UNITS[speed.unit], speed.reversed)
-        for speed in speeds
-    ]
-    return [
-        values + recorded[speed.relative_to - 1] if speed.relative_to else values
-        for values, speed in zip(recorded, speeds, strict=True)
-    ]
 
 
 def _gap(columns: Columns, gap: GapColumn) -> FloatArray:

@@ -144,7 +144,7 @@ class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     trajectory: str | None = None
     """The column that identifies the runs of a table."""
     by: ByVehicle | None = None
-    """Where each row is one vehicle at one instant."""
+    """Columns that identify vehicles, for a table of one row a vehicle and instant."""
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:

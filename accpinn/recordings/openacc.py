@@ -65,12 +65,12 @@ def catalogue() -> tuple[Run, ...]:
     """
     rows = packaged_rows("recordings", "catalogue.csv")
     runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
-    return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
 
+    def order(run: Run) -> tuple[str, list[str | int]]:
+        parts = re.split(r"(\d+)", run.file)
+        return run.campaign, [int(part) if part.isdigit() else part for part in parts]
 
-def _natural(name: str) -> list[str | int]:
-    """Sort key in which numbers within a name count by their value."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+    return tuple(sorted(runs, key=order))
 
 
 def find(names: Sequence[str]) -> tuple[Run, ...]:

@@ -122,7 +122,7 @@ def _identifier(pair: Columns, column: str) -> str:
 
 
 def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple[int, int]]:
-    """By pair ahead: the pair behind, and the sample of the first at which the second begins.
+    """The pair behind each pair, and the sample of the pair ahead at which it begins.
 
     A pair has one pair behind and one ahead at most: those with the longest time in common.
     """
@@ -236,8 +236,14 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
         RecordingError: about the first row that is wrong.
     """
     source_file = pairs[0].source_file
-    data_set = _data_set(source_file.name)
-    clocks = [_checked_time(pair) for pair in pairs]
+    words = re.sub(r"[_\-]+", " ", source_file.name).lower()
+    data_set = next((name for name in DATA_SETS if re.search(rf"\b{name.lower()}", words)), None)
+    for pair in pairs:
+        for column, quantity in ((LEADER_SPEED, SPEED), (FOLLOWER_SPEED, SPEED), (PAIR_GAP, GAP)):
+            pair.measured(quantity, column)
+            pair.require_some(column, "choose another trajectory")
+        pair.measured(TIME, TIME_INDEX)
+    clocks = [pair.time(TIME_INDEX) for pair in pairs]
     starts = np.array(begins) - min(begins)
     places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
     samples, vehicles = max(place.stop for place in places), len(pairs) + 1
@@ -276,18 +282,3 @@ def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
     """Write values where there are none yet."""
     empty = np.isnan(place)
     place[empty] = values[empty]
-
-
-def _checked_time(columns: Columns) -> FloatArray:
-    """(N,) time of a pair in s, from its first sample on, once all its values are checked."""
-    for column, quantity in ((LEADER_SPEED, SPEED), (FOLLOWER_SPEED, SPEED), (PAIR_GAP, GAP)):
-        columns.measured(quantity, column)
-        columns.require_some(column, "choose another trajectory")
-    columns.measured(TIME, TIME_INDEX)
-    return columns.time(TIME_INDEX)
-
-
-def _data_set(name: str) -> str | None:
-    """The data set that is part of a file's name."""
-    words = re.sub(r"[_\-]+", " ", name).lower()
-    return next((name for name in DATA_SETS if re.search(rf"\b{name.lower()}", words)), None)

@@ -82,7 +82,11 @@ def proposed(source_file: SourceFile, layout: Layout) -> Proposal:
 def _wide(draft: Draft) -> Proposal:
     time, step = time_of(draft)
     trajectory = _runs(draft, time)
-    speeds, relative = _speeds(draft)
+    speeds, relative = draft.of("speed"), None
+    if len(speeds) == 1 and len(draft.of("relative")) == 1:
+        [relative] = draft.of("relative")
+    else:
+        speeds = _in_order(speeds, positions=draft.of("position"))
     positions: list[Column] = []
     gaps = _gaps(draft, len(speeds) + bool(relative) - 1)
     if not speeds and not relative:
@@ -104,15 +108,6 @@ def _wide(draft: Draft) -> Proposal:
     mapping = replace(mapping, time=time, sample_time=step, trajectory=trajectory)
     mapping = with_units(draft, mapping, has_gaps and bool(speeds))
     return draft.finished(replace(mapping, modes=_modes(draft, mapping, speeds)))
-
-
-def _speeds(draft: Draft) -> tuple[list[Column], Column | None]:
-    """Speeds in the order of the vehicles, and a relative one where only one other is there."""
-    speeds = draft.of("speed")
-    relative = draft.of("relative")
-    if len(speeds) == 1 and len(relative) == 1:
-        return speeds, relative[0]
-    return _in_order(speeds, positions=draft.of("position")), None
 
 
 def _in_order(

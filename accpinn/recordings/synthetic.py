@@ -109,17 +109,17 @@ def load_truth(path: Path) -> Truth:
     Raises:
         RecordingError: when it is not there or not one.
     """
+
+    def parameters_of(_: type, entries: list[dict[str, float]]) -> Parameters:
+        return Parameters.stack(Parameters(**entry) for entry in entries)
+
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Truth, dec_hook=_parameters)
+        return msgspec.json.decode(path.read_bytes(), type=Truth, dec_hook=parameters_of)
     except FileNotFoundError:
         fault = "there is no such truth file; copy the folder of samples again"
     except (ValueError, msgspec.ValidationError) as error:
         fault = f"not a truth file ({error}); copy the folder of samples again"
     raise RecordingError(f"{path.name}: {fault}.")
-
-
-def _parameters(_: type, entries: list[dict[str, float]]) -> Parameters:
-    return Parameters.stack(Parameters(**entry) for entry in entries)
 
 
 def leader_speed(profile: LeaderProfile, time: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -1,4 +1,4 @@
-"""How a table is written: separator, decimal mark, and the rows of names, units and data.
+"""Layout of a table: separator, decimal mark, and the rows of names, units and data.
 
 A table is rows of cells, one below the other, all as wide as its data. Above them may stand
 metadata, a row of column names and a row of units; comments and repeated column names between the
@@ -47,7 +47,7 @@ _INSTANT = re.compile(r"[\dT:.,/+\-Z ]*\d[:/\-.]\d[\dT:.,/+\-Z ]*( ?[AaPp][Mm])?
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is written, and its first rows."""
+    """Layout of a table, and its first rows."""
 
     names: tuple[str, ...]
     """Names of all columns, in their order, all different; "column 3" where there is none, and
@@ -150,11 +150,17 @@ def _layout(
     data = first if header is None else header + 1 + bool(units)
     while data < first and (_is_comment(lines[data]) or not lines[data].strip()):
         data += 1
-    if header is None:
-        _require_no_other_names(source_file, above, lines, first, width)
+    if header is None and first and not _is_comment(lines[first - 1]):
+        cells = _stripped(above[first - 1])
+        if len(cells) > 1 and _is_names(cells):
+            raise _other_names(source_file, len(cells), width, first - 1)
     named = () if header is None else _names_in(lines[header], separator)
     below = lines[data:]
-    rows = _cells([row for row in below if row.strip() and not _is_comment(row)], separator)
+    full = [row for row in below if row.strip() and not _is_comment(row)]
+    if separator == " " or any('"' in line for line in full):
+        rows = [cells_of(line, separator) for line in full]
+    else:  # faster
+        rows = [tuple(cell.strip() for cell in line.split(separator)) for line in full]
     if header is not None and len(named) < width and any(any(row[width - 1 :]) for row in rows):
         raise _other_names(source_file, len(named), width, header)
     skipped = _skipped(source_file, data, lines[header] if header is not None else None)
@@ -175,7 +181,9 @@ def _header(
         if not any(cells):
             continue
         is_wide = width / 2 <= len(_stripped(cells)) <= width <= len(cells) + 1
-        if is_wide and not units and _is_units(cells) and at:
+        words = [cell.strip(" []()").casefold() for cell in cells]
+        is_units = any(words) and all(word in UNIT_WORDS or not word for word in words)
+        if is_wide and not units and is_units and at:
             units = cells
         elif is_wide and _is_names(cells):
             return at, units
@@ -204,27 +212,6 @@ def _is_names(cells: Sequence[str]) -> bool:
     if [*cells] == [str(k) for k in range(len(cells))]:
         return len(cells) > 1
     return sum(map(bool, cells)) > 1 and not any(_kind(cell) == "number" for cell in cells if cell)
-
-
-def _is_units(cells: Sequence[str]) -> bool:
-    words = [cell.strip(" []()").casefold() for cell in cells]
-    return any(words) and all(word in UNIT_WORDS or not word for word in words)
-
-
-def _require_no_other_names(
-    source_file: SourceFile,
-    above: Sequence[Sequence[str]],
-    lines: Sequence[str],
-    first: int,
-    width: int,
-) -> None:
-    """Refuse rows of data right below names that are fewer or more than their cells."""
-    at = first - 1
-    if at < 0 or _is_comment(lines[at]):
-        return
-    cells = _stripped(above[at])
-    if len(cells) > 1 and _is_names(cells):
-        raise _other_names(source_file, len(cells), width, at)
 
 
 def _other_names(source_file: SourceFile, named: int, width: int, at: int) -> RecordingError:
@@ -285,10 +272,3 @@ def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:
     except csv.Error:  # a cell beyond the largest that is read
         return ()
     return tuple(cell.strip() for cell in row)
-
-
-def _cells(lines: Sequence[str], separator: str) -> list[tuple[str, ...]]:
-    """The cells of rows, as `cells_of` has them."""
-    if separator == " " or any('"' in line for line in lines):
-        return [cells_of(line, separator) for line in lines]
-    return [tuple(cell.strip() for cell in line.split(separator)) for line in lines]

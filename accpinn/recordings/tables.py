@@ -202,8 +202,12 @@ def read_columns(
     for first, rows in _blocks(source_file, layout):
         cells = [*zip(*rows, strict=True)]  # by column
         values = {name: _numbers(cells[positions[name]], layout) for name in parts}
-        if any(isinstance(column, int) for column in values.values()):
-            raise _not_a_number(source_file, layout, first, rows, positions, values)
+        wrong = [(at, positions[name], name) for name, at in values.items() if isinstance(at, int)]
+        if wrong:  # told of the first one, row by row
+            row, position, name = min(wrong)
+            fault = f'"{excerpt(rows[row][position])}" is not a number'
+            cure = "correct it, or leave the cell empty"
+            raise source_file.refusal(fault, cure, _place(layout, first + row, name))
         for name in parts:
             block = np.array(values[name])
             block[np.isinf(block)] = np.nan  # "inf" is a word for a missing value
@@ -387,22 +391,6 @@ def _plain_numbers(cells: Sequence[str]) -> FloatArray | None:
         return None
     is_plain = len(values) > 0 and bool(np.isfinite(values).all()) and "_" not in "".join(cells)
     return values if is_plain else None
-
-
-def _not_a_number(
-    source_file: SourceFile,
-    layout: Layout,
-    first: int,
-    rows: list[list[str]],
-    positions: dict[str, int],
-    values: dict[str, list[float] | int],
-) -> RecordingError:
-    """The error about the first cell, row by row, that is not a number."""
-    wrong = [(at, positions[name], name) for name, at in values.items() if isinstance(at, int)]
-    row, position, name = min(wrong)
-    fault = f'"{excerpt(rows[row][position])}" is not a number'
-    cure = "correct it, or leave the cell empty"
-    return source_file.refusal(fault, cure, _place(layout, first + row, name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ from accpinn.recordings.clocks import (
     NANOSECONDS,
     SHORTEST_STEP,
     WRAP_STEPS,
-    Moment,
     TimeUnreadable,
     calendar_day,
     date_order,
@@ -186,20 +185,16 @@ def _as_datetime(words: _Name, texts: Sequence[str]) -> Recognised | None:
     counts = np.array(instants_of(moments, order), dtype=np.int64)
     if _step((counts - counts[0]) / 1e9) is None:
         return None
-    reason = "date and time"
+    reason, dates = "date and time", {moment.parts for moment in moments if moment}
+    # A single date may have two readings.
+    is_open = len(dates) == 1 and all(
+        calendar_day(parts, order) for parts in dates for order in ("dmy", "mdy")
+    )
     if order == "ymd":
         reason = "ISO 8601" if "-" in texts[0][:5] else "date and time, year first"
-    elif not _order_is_open([moment for moment in moments if moment]):
+    elif not is_open:
         reason = f"date and time, {'day' if order == 'dmy' else 'month'} first"
     return Recognised(DATETIME, reason, words.is_time, True)
-
-
-def _order_is_open(moments: Iterable[Moment]) -> bool:
-    """Whether all cells are of one date that has two readings."""
-    dates = {moment.parts for moment in moments}
-    return len(dates) == 1 and all(
-        calendar_day(parts, o) for parts in dates for o in ("dmy", "mdy")
-    )
 
 
 def _as_clock(words: _Name, texts: Sequence[str]) -> Recognised | None:

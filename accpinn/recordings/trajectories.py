@@ -116,9 +116,18 @@ def _rows(
     import pandas as pd  # half a second, which wide tables do not need
 
     run_words = columns.words[mapping.trajectory] if mapping.trajectory else [""] * len(columns)
-    _require_few(columns, run_words, columns.words[by.vehicle])
-    run_names, id_names = (_plain_names(words) for words in (run_words, columns.words[by.vehicle]))
-    runs, vehicles = _numbers(run_words, run_names), _numbers(columns.words[by.vehicle], id_names)
+    # Too many vehicles are refused before time is spent on each of them.
+    vehicle_words = columns.words[by.vehicle]
+    count = max(len({*vehicle_words}), len({*run_words}))
+    if count <= MOST_VEHICLES:
+        count = len({*zip(run_words, vehicle_words, strict=True)})
+    if count > MOST_VEHICLES:
+        raise columns.source_file.refusal(
+            f"its {len(columns):,} rows name {count:,} vehicles, and {MOST_VEHICLES:,} are read",
+            "choose the column that names vehicles, or split the file",
+        )
+    run_names, id_names = (_plain_names(words) for words in (run_words, vehicle_words))
+    runs, vehicles = _numbers(run_words, run_names), _numbers(vehicle_words, id_names)
     at, stamps = time_stamps(columns, mapping)
     speed, gap = mapping.speeds[0], mapping.gaps[0]
     missing = np.flatnonzero(np.isnan(stamps))
@@ -184,19 +193,6 @@ def _numbers(words: Sequence[str], names: Sequence[str]) -> NDArray[np.int64]:
     place = {name: k for k, name in enumerate(names)}
     numbers = {word: place.get(word.removesuffix(".0"), -1) for word in {*words}}
     return np.fromiter((numbers[word] for word in words), np.int64, len(words))
-
-
-def _require_few(columns: Columns, runs: Sequence[str], vehicles: Sequence[str]) -> None:
-    """Refuse more than `MOST_VEHICLES` of all runs before time is spent on each of them."""
-    count = max(len({*vehicles}), len({*runs}))
-    if count <= MOST_VEHICLES:
-        count = len({*zip(runs, vehicles, strict=True)})
-    if count > MOST_VEHICLES:
-        fault = (
-            f"its {len(vehicles):,} rows name {count:,} vehicles, and {MOST_VEHICLES:,} are read"
-        )
-        cure = "choose the column that names vehicles, or split the file"
-        raise columns.source_file.refusal(fault, cure)
 
 
 def _stretches(

@@ -210,8 +210,15 @@ def find_by_values(
     seconds = seconds_of(draft, time)
     if seconds is None:
         return None
-    free = [c for c in draft.columns if c.text not in draft.choices and c.varies]
-    free = [c for c in free if c.numbers is not None and _may_be_any(c)]
+    free = []
+    for column in draft.columns:
+        quantity = column.name.quantity
+        # A symbol as "v_p" excludes nothing.
+        may_be_any = quantity in ("", "speed", "gap")
+        may_be_any |= quantity == "position" and column.name.is_symbol
+        is_free = column.text not in draft.choices and column.varies
+        if is_free and column.numbers is not None and may_be_any:
+            free.append(column)
     best: tuple[float, Column, Column, Column, str, float] | None = None
     for ahead, behind, gap in permutations(free[:MOST_TRIED], 3):
         if gap in speeds or (len(speeds) > 1 and not {ahead, behind} <= set(speeds)):
@@ -232,16 +239,10 @@ def find_by_values(
     return best[1:] if best else None
 
 
-def _may_be_any(column: Column) -> bool:
-    """Whether a column may be a speed or gap by its name; a symbol as "v_p" excludes nothing."""
-    quantity = column.name.quantity
-    return quantity in ("", "speed", "gap") or (quantity == "position" and column.name.is_symbol)
-
-
 def _agreement(
     time: FloatArray, ahead: FloatArray, behind: FloatArray, gap: FloatArray
 ) -> tuple[float, float] | None:
-    """How fast a gap changes as compared with two speeds, if in their sense, and correlation.
+    """The ratio of a gap's changes to those by two speeds, if of equal sign, and the correlation.
 
     Of a recording too short for a slope with an error the gap itself is compared with the integral.
     """

@@ -168,7 +168,7 @@ class DrivenByHand(Finding, frozen=True):
         return self.filled(self.text if max(self.shares) > 0.5 else self.partly, about)
 
     def among(self, vehicles: Collection[int]) -> "DrivenByHand | None":
-        """The same of some vehicles alone, by their numbers; None where it is of none of them."""
+        """The finding about some of the vehicles, by their numbers; None where it concerns none."""
         pairs = [
             pair for pair in zip(self.vehicles, self.shares, strict=True) if pair[0] in vehicles
         ]

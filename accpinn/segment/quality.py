@@ -130,7 +130,7 @@ class GapsNegative(Finding, frozen=True):
 
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
-    """How many instants of each."""
+    """Number of instants of each."""
 
 
 QualityFinding = LittleLeaderMotion | NearEquilibrium | LittleCarFollowing | GapsNegative
@@ -252,8 +252,8 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
         return Regimes(codes, (False,) * segment.followers, measured=measured)
     modes = _modes(segment, recording)
     codes[(modes == Mode.HUMAN).any(axis=0)] = MANUAL
-    known = (modes != Mode.UNKNOWN).any(axis=(0, 1))
-    return Regimes(codes, tuple(known.tolist()), measured=measured)
+    has_modes = (modes != Mode.UNKNOWN).any(axis=(0, 1))
+    return Regimes(codes, tuple(has_modes.tolist()), measured=measured)
 
 
 def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -262,13 +262,13 @@ def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
     Raises:
         SegmentError: for a name that is not known.
     """
-    known = {spelt: name for name in EXCLUDABLE for spelt in (name, as_typed(name))}
+    spellings = {spelt: name for name in EXCLUDABLE for spelt in (name, as_typed(name))}
     chosen = [part.strip() for part in (names.split(",") if isinstance(names, str) else names)]
     for part in chosen:
-        if part not in known:
+        if part not in spellings:
             listed = ", ".join(map(as_typed, EXCLUDABLE))
             raise SegmentError(f'"{part[:40]}" cannot be excluded; choose from {listed}.')
-    return tuple(known[part] for part in chosen)
+    return tuple(spellings[part] for part in chosen)
 
 
 def as_typed(name: str) -> str:
@@ -307,7 +307,14 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
         findings=(*segment.findings, finding),
     )
-    _refuse_too_little(part, chosen)
+    left = part.counts.sum(axis=0) * segment.sample_time
+    worst = int(left.argmin())
+    if left[worst] < MINIMUM_DURATION:
+        raise SegmentError(
+            f"{segment.source}: without {' and '.join(chosen)} only {left[worst]:.1f} s of"
+            f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
+            " less, or take other vehicles or another window."
+        )
     return part
 
 
@@ -328,18 +335,6 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
     rows = np.stack([before, after]).clip(0, recording.samples - 1)
     followers = np.array(segment.vehicles[1:]) - 1
     return np.asarray(recording.mode[rows][:, :, followers])
-
-
-def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
-    """Refuse a mask that leaves less of a follower than the shortest window."""
-    left = segment.counts.sum(axis=0) * segment.sample_time
-    worst = int(left.argmin())
-    if left[worst] < MINIMUM_DURATION:
-        raise SegmentError(
-            f"{segment.source}: without {' and '.join(chosen)} only {left[worst]:.1f} s of"
-            f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
-            " less, or take other vehicles or another window."
-        )
 
 
 # Grades of a window, before anything is estimated from it
@@ -366,8 +361,7 @@ class Rating:
     findings: tuple[Finding, ...] = ()
     """Findings that say why it is not good."""
     figure: float = nan
-    """What the answer counts; of several followers that of the worst. It is nan where it is not
-    known:
+    """The figure behind the answer, of several followers that of the worst; nan where unknown:
 
         complete      share of instants at which every speed and gap was measured
         excited       condition number
@@ -379,11 +373,13 @@ class Rating:
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
     """All ratings of a window of a recording, in the order of the questions."""
-    ahead, followers = segment.vehicles[:-1], np.array(segment.vehicles[1:]) - 1
+    columns, ahead = np.array(segment.vehicles) - 1, segment.vehicles[:-1]
     rows = recording.rows(segment.window)
     frozen, is_frozen = frozen_values(recording, segment.vehicles, rows)
     missing = (*_of(segment.findings, BlocksMissing | Bridged), *frozen)
-    measured = 1.0 - float((is_frozen | _is_missing(segment, recording, rows)).mean())
+    speeds, gaps = recording.speed[rows][:, columns], recording.gap[rows][:, columns[:-1]]
+    is_missing = np.isnan(speeds).any(axis=1) | np.isnan(gaps).any(axis=1)
+    measured = 1.0 - float((is_frozen | is_missing).mean())
     is_incomplete = bool(segment.blocks_missing) or float(is_frozen.mean()) > MOST_FROZEN
     still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     elsewhere = _of(quality.findings, LittleCarFollowing)
@@ -391,7 +387,7 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     unlike = [f for f in segment.findings if isinstance(f, Inconsistency)]
     wrong = (*unlike, *_of(quality.findings, GapsNegative))
     is_wrong = any(f.is_contradiction for f in unlike) or len(wrong) > len(unlike)
-    modes = recording.mode[rows, followers]
+    modes = recording.mode[rows, columns[1:]]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
     share = nan if no_mode else float((modes == Mode.ACC).mean(axis=0).min())
     agreements = [agreement(recording.pair(number, rows)) for number in ahead]
@@ -415,13 +411,6 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
             min(agreed, default=nan),
         ),
     )
-
-
-def _is_missing(segment: Segment, recording: Recording, rows: slice) -> Mask:
-    """(N,) where a speed or a gap of the segment's vehicles has no sample in the recording."""
-    speeds = recording.speed[rows][:, [number - 1 for number in segment.vehicles]]
-    gaps = recording.gap[rows][:, [number - 1 for number in segment.vehicles[:-1]]]
-    return np.asarray(np.isnan(speeds).any(axis=1) | np.isnan(gaps).any(axis=1))
 
 
 def _grade(is_poor: bool, is_fair: bool = False, is_unknown: bool = False) -> Grade:

@@ -111,7 +111,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """As in "L₂ string stability: unstable"."""
+        """The verdict in one word, as in "L₂ string stability: unstable"."""
         return ("stable" if self.stable else "unstable") + " (marginal)" * self.marginal
 
 
@@ -215,7 +215,14 @@ def stability_report(parameters: Parameters) -> StabilityReport:
     """
     parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)
-    vehicles = _vehicles(parameters, clean)
+    assessed = dict[int, VehicleStability]()
+    lagged = (clean.complete[:, 4:] > 0).any(axis=1)
+    for kind in (lagged, ~lagged):  # without lag or delay all is in closed form
+        if kind.any():
+            rows = np.flatnonzero(kind)
+            reports = _of_one_kind(parameters[rows], clean[rows])
+            assessed.update(zip(rows.tolist(), reports, strict=True))
+    vehicles = tuple(assessed[row] for row in sorted(assessed))
     return StabilityReport(vehicles, _platoon(vehicles, clean))
 
 
@@ -238,22 +245,11 @@ def peak_gains(
     """
     speeds, theta = np.fromiter(speeds, float), np.asarray(theta, float)
     near = model.linearisations(theta if theta.ndim > 1 else theta[:, None], speeds)
-    known = np.isfinite(near.alpha)
+    finite = np.isfinite(near.alpha)
     gains = np.full(len(speeds), np.nan)
-    if known.any():
-        gains[known] = peaks(near[known]).db
+    if finite.any():
+        gains[finite] = peaks(near[finite]).db
     return gains
-
-
-def _vehicles(given: Parameters, clean: Parameters) -> tuple[VehicleStability, ...]:
-    """The string stability of each vehicle (V,), by its parameters as given and as checked."""
-    assessed = dict[int, VehicleStability]()
-    lagged = (clean.complete[:, 4:] > 0).any(axis=1)
-    for kind in (lagged, ~lagged):  # without lag or delay all is in closed form
-        if kind.any():
-            rows = np.flatnonzero(kind)
-            assessed.update(zip(rows.tolist(), _of_one_kind(given[rows], clean[rows]), strict=True))
-    return tuple(assessed[row] for row in sorted(assessed))
 
 
 def _of_one_kind(given: Parameters, clean: Parameters) -> Iterator[VehicleStability]:
@@ -276,7 +272,10 @@ def _of_one_kind(given: Parameters, clean: Parameters) -> Iterator[VehicleStabil
     for part, vehicle, peak, row in zip(given, clean, peaks(clean), rows, strict=True):
         gain, overshoot, closeness, kappa, paper, value, exact, crossover, onset, *headways = row
         linf_paper = paper > MARGINAL, abs(paper) <= MARGINAL
-        motion = poles(vehicle)
+        motion, damping_ratio = poles(vehicle), None
+        if vehicle.alpha and not is_lagged(vehicle):  # ζ of s² + (ατ+β)s + α
+            damping = float(vehicle.alpha * vehicle.tau + vehicle.beta)
+            damping_ratio = float(damping / vehicle.alpha**0.5 / 2.0)
         yield VehicleStability(
             parameters=part,
             behaviour=_behaviour(vehicle, motion, value),
@@ -287,7 +286,7 @@ def _of_one_kind(given: Parameters, clean: Parameters) -> Iterator[VehicleStabil
             peak=peak,
             crossover=crossover if crossover > 0 else None,
             onset=onset,
-            damping_ratio=_damping_ratio(vehicle),
+            damping_ratio=damping_ratio,
             poles=motion,
             smallest_tau=Headways(*headways) if vehicle.alpha and not lagged else None,
         )
@@ -308,13 +307,6 @@ def _behaviour(vehicle: Parameters, motion: tuple[complex, ...], discriminant: f
     if is_lagged(vehicle):
         return Behaviour.COMPLEX_POLES if motion[0].imag else Behaviour.REAL_POLES
     return Behaviour.REAL_POLES if discriminant >= 0 else Behaviour.COMPLEX_POLES
-
-
-def _damping_ratio(vehicle: Parameters) -> float | None:
-    """The damping ratio ζ of s² + (ατ+β)s + α; None where α = 0, and with a lag or a delay."""
-    if not vehicle.alpha or is_lagged(vehicle):
-        return None
-    return float((vehicle.alpha * vehicle.tau + vehicle.beta) / vehicle.alpha**0.5 / 2.0)
 
 
 def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> PlatoonStability:

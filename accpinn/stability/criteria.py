@@ -98,8 +98,17 @@ def checked(parameters: Parameters) -> Parameters:
     with np.errstate(over="ignore"):
         values[values[:, 0] * COMPUTABLE < 1.0, 2] = 0.0
     for row, column in np.argwhere(~((values >= 0) & (values <= COMPUTABLE)))[:1]:
-        fault = _fault(PARAMETERS[column].symbol, values[row, column])
-        raise ParameterError(f"Parameter set {row + 1}: {fault}.")
+        value = values[row, column]
+        fault = f"= {value:g} is beyond any vehicle; give α in 1/s², β in 1/s, τ in s"
+        if isnan(value):
+            fault = "is missing; give α, β and τ as numbers"
+        elif value < 0:
+            fault = (
+                f"= {value:g} is negative, which the rational driving constraints rule out; give"
+                " zero or more"
+            )
+        symbol = PARAMETERS[column].symbol
+        raise ParameterError(f"Parameter set {row + 1}: {symbol} {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
     # Near its free speed a model's linearisation has a steep gap and an intercept far below zero.
     intercept = LARGEST_TERM if parameters.is_linear else COMPUTABLE
@@ -121,17 +130,6 @@ def checked(parameters: Parameters) -> Parameters:
 def _each(parameters: Parameters, values: FloatArray) -> FloatArray:
     """Values of the `flat` vehicles in the shape of the parameters."""
     return np.asarray(values.reshape(parameters.complete.shape[:-1]))
-
-
-def _fault(name: str, value: float) -> str:
-    if isnan(value):
-        return f"{name} is missing; give α, β and τ as numbers"
-    if value < 0:
-        return (
-            f"{name} = {value:g} is negative, which the rational driving constraints rule out;"
-            " give zero or more"
-        )
-    return f"{name} = {value:g} is beyond any vehicle; give α in 1/s², β in 1/s, τ in s"
 
 
 def spacing_gain(parameters: Parameters) -> FloatArray:

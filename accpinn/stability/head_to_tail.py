@@ -74,12 +74,12 @@ class Gains:
 def head_to_tail_peaks(parameters: Parameters) -> Peak:
     """The largest |H_1 .. H_k| over all frequencies, for k = 1 .. M."""
     parameters = checked(parameters)
-    known = _limits(parameters)
-    ordinary = int(np.isnan(known).sum())
+    limits = _limits(parameters)
+    ordinary = int(np.isnan(limits).sum())
     with np.errstate(divide="ignore"):
-        log_gain, omega = np.log(known), np.zeros(len(parameters))
+        log_gain, omega = np.log(limits), np.zeros(len(parameters))
     if ordinary < len(parameters):
-        omega[np.isinf(known)] = peaks(parameters).omega[ordinary]
+        omega[np.isinf(limits)] = peaks(parameters).omega[ordinary]
     if ordinary:
         log_gain[:ordinary], omega[:ordinary] = _ordinary_peaks(parameters[:ordinary])
     return Peak.of(log_gain, omega)
@@ -134,10 +134,10 @@ def _turning(
         before, top = top, np.clip(middle - (middle - low) * share, low, high)
         if (np.abs(top - before) <= RESOLUTION * top).all():
             break
-        for at, found in ((middle, value), (top, slope(top))):
-            inside, rising = (at > low) & (at < high), found < 0
-            low, first = (np.where(inside & rising, *pair) for pair in ((at, low), (found, first)))
-            high, last = (np.where(inside & ~rising, *pair) for pair in ((at, high), (found, last)))
+        for at, of_at in ((middle, value), (top, slope(top))):
+            inside, rising = (at > low) & (at < high), of_at < 0
+            low, first = (np.where(inside & rising, *pair) for pair in ((at, low), (of_at, first)))
+            high, last = (np.where(inside & ~rising, *pair) for pair in ((at, high), (of_at, last)))
     return top
 
 

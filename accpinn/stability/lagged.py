@@ -97,8 +97,8 @@ def roots_of(coefficients: FloatArray) -> NDArray[np.complex128]:
     A polynomial with coefficients that are not known has none.
     """
     count, size = coefficients.shape
-    known = np.isfinite(coefficients).all(axis=1, keepdims=True)
-    degrees = np.where(known & (coefficients != 0.0), np.arange(size), 0).max(axis=1)
+    finite = np.isfinite(coefficients).all(axis=1, keepdims=True)
+    degrees = np.where(finite & (coefficients != 0.0), np.arange(size), 0).max(axis=1)
     roots = np.full((count, size - 1), np.nan + 0j)
     for degree in set(degrees.tolist()) - {0}:
         rows = np.flatnonzero(degrees == degree)
@@ -111,7 +111,7 @@ def roots_of(coefficients: FloatArray) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, eq=False)
 class LaggedStability:
-    """What the polynomials say of V vehicles."""
+    """Stability of V vehicles with a lag, by their polynomials."""
 
     peak: FloatArray
     """(V,) max |H|, at least 1; infinite for an unstable vehicle."""
@@ -170,8 +170,8 @@ def _value(coefficients: FloatArray, x: NDArray[Any]) -> NDArray[Any]:
 def _positive(roots: NDArray[np.complex128]) -> FloatArray:
     """(V, n+1) the roots that are real and above zero, 0 in place of the others and last."""
     real = np.abs(roots.imag) <= 1e-7 * np.maximum(np.abs(roots), 1e-12)
-    kept = np.where(real & (roots.real > 0), roots.real, 0.0)
-    return np.pad(kept, ((0, 0), (0, 1)))
+    positive = np.where(real & (roots.real > 0), roots.real, 0.0)
+    return np.pad(positive, ((0, 0), (0, 1)))
 
 
 def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
@@ -215,7 +215,8 @@ def _overshoot_and_variation(
         near = np.exp(exponents[:, :, None] * np.arange(STRIDE))
         far = np.exp(exponents[:, :, None] * np.arange(0, count, STRIDE))
         far *= (weights * np.exp(poles * begin[:, None]) * np.expm1(exponents))[:, :, None]
-        parts = [np.concatenate([one.real, one.imag], axis=1) for one in (far.conj(), near)]
+        factors = far.conj(), near
+        parts = [np.concatenate([part.real, part.imag], axis=1) for part in factors]
         rises = (parts[0].swapaxes(1, 2) @ parts[1]).reshape(len(poles), -1)[:, :count]
         step = rises.cumsum(axis=1) + level[:, None]
         np.maximum(highest, step.max(axis=1), out=highest)

@@ -1,4 +1,4 @@
-"""How much time gap separates vehicles from the boundary of string stability.
+"""Margins of string stability: the time gap between vehicles and the boundary.
 
 With all else of a vehicle kept, the smallest stable τ and the time gap that it makes at a speed are
 
@@ -72,7 +72,7 @@ THINNED = 200
 CHANGES = np.array([-4, -2, -1.5, -1, -0.7, -0.4, -0.2, 0, 0.2, 0.4, 0.7, 1, 1.5, 2, 3, 5, 8, 15.0])
 """Changes of all time gaps in s between which that of a platoon is looked for."""
 HALVINGS = 14
-"""Of such an interval: to a ten-thousandth of it."""
+"""Number of halvings of such an interval: to a ten-thousandth of it."""
 SLOWEST = 1e-6
 """Least frequency of a vehicle in rad/s that is taken, where none reacts."""
 ALONG = 120
@@ -80,7 +80,7 @@ ALONG = 120
 
 
 class State(Enum):
-    """Where a vehicle is, by one norm."""
+    """State of a vehicle, by one norm."""
 
     STABLE = "stable"
     TOO_SHORT = "needs a larger time gap"
@@ -115,7 +115,7 @@ class VehicleMargin:
 
 @dataclass(frozen=True, eq=False)
 class Margins(Displayed):
-    """How far vehicles are from the boundary of string stability at a speed, as time gaps."""
+    """Distances of vehicles from the boundary of string stability at a speed, as time gaps."""
 
     speed: FloatArray
     """(M,) in m/s, at which the time gaps are taken."""
@@ -123,7 +123,7 @@ class Margins(Displayed):
     """Level of the intervals, whose ends are nan for a point without draws."""
     vehicles: tuple[VehicleMargin, ...]
     platoon: Quantity | None = None
-    """By how much all time gaps could be smaller with no frequency larger at the last follower than
+    """Largest reduction of all time gaps with no frequency larger at the last follower than
     at the leader, in s; negative where they need to be larger. None of a single vehicle."""
     names: tuple[str, ...] = field(default=())
     """(M,) of the vehicles, where they have any."""
@@ -157,10 +157,10 @@ class Margins(Displayed):
                 "speed": float(self.speed[k]),
                 **_columns("time_gap", vehicle.time_gap),
             }
-            for norm, one in (("l2", vehicle.l2), ("linf", vehicle.linf)):
-                row |= _columns(f"smallest_{norm}", one.smallest)
-                row |= _columns(f"margin_{norm}", one.distance)
-                row[f"state_{norm}"] = one.state.name.lower()
+            for norm, margin in (("l2", vehicle.l2), ("linf", vehicle.linf)):
+                row |= _columns(f"smallest_{norm}", margin.smallest)
+                row |= _columns(f"margin_{norm}", margin.distance)
+                row[f"state_{norm}"] = margin.state.name.lower()
             rows.append(row)
         return DataFrame(rows)
 
@@ -218,7 +218,7 @@ def _of_lagged(parameters: Parameters) -> Headways:
 
 
 def _of_delayed(parameters: Parameters) -> Headways:
-    """With a delay: between which C = ατ + β no frequency is amplified."""
+    """Headways of vehicles with a delay: no frequency is amplified between two C = ατ + β."""
     alpha, beta, lag, delay = _columns_of(parameters)
     omega = np.sort(_grid(alpha, beta, delay), axis=1)
 
@@ -354,10 +354,10 @@ def linf_headways(parameters: Parameters, l2: Headways) -> FloatArray:
 def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
     """(V,) the same of vehicles with a lag or a delay, between their L₂ stable headways."""
     begin, end = l2
-    found = np.full(len(begin), np.inf)
+    smallest = np.full(len(begin), np.inf)
     open_rows = np.flatnonzero(np.isfinite(begin) & (parameters.beta >= 0))
     if not open_rows.size:
-        return found
+        return smallest
     low, low_value = begin.copy(), np.full(len(begin), np.nan)
     high, high_value = np.full((2, len(begin)), np.nan)
     rows, below = open_rows, begin
@@ -373,10 +373,10 @@ def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
         low[rows[~stable]], low_value[rows[~stable]] = tau[~stable], value[~stable]
         rows = rows[~stable]
     at_once = open_rows[np.isnan(low_value[open_rows]) & np.isfinite(high[open_rows])]
-    found[at_once] = below[at_once]  # L₂ is what binds
+    smallest[at_once] = below[at_once]  # L₂ is what binds
     rows = open_rows[np.isfinite(low_value[open_rows]) & np.isfinite(high[open_rows])]
     if not rows.size:
-        return found
+        return smallest
     a, b, fa, fb = low[rows], high[rows], low_value[rows], high_value[rows]
     for _ in range(SECANTS):
         share = np.clip(fa / (fa - fb), 0.05, 0.95)
@@ -386,8 +386,8 @@ def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
         # By the Illinois rule: the value of an end that stays twice is halved.
         fb, fa = np.where(stable, value, 0.5 * fb), np.where(stable, 0.5 * fa, value)
         b, a = np.where(stable, tau, b), np.where(stable, a, tau)
-    found[rows] = b
-    return found
+    smallest[rows] = b
+    return smallest
 
 
 def _excess(parameters: Parameters, tau: FloatArray) -> FloatArray:
@@ -437,8 +437,8 @@ def _margins(
             gap = Quantity(gap.value, *ends)
         vehicles.append(VehicleMargin(gap, *norms))
     platoon = _platoon(parameters, draws, level)
-    known_level = None if draws is None else level
-    return Margins(speeds, known_level, tuple(vehicles), platoon, names, numbers)
+    level_of_draws = None if draws is None else level
+    return Margins(speeds, level_of_draws, tuple(vehicles), platoon, names, numbers)
 
 
 @lru_cache(maxsize=64)  # a page's strip and table ask for the same
@@ -463,9 +463,9 @@ def _platoon(parameters: Parameters, draws: Parameters | None, level: float) -> 
     ends = (nan, nan)
     if draws is not None:
         thin = _thinned(draws)
-        known = np.isfinite(thin.alpha).all(axis=1)
-        if 2 * known.sum() > len(known):
-            ends = _ends(_platoon_distance(_independent(thin[known])), level)
+        finite = np.isfinite(thin.alpha).all(axis=1)
+        if 2 * finite.sum() > len(finite):
+            ends = _ends(_platoon_distance(_independent(thin[finite])), level)
     return Quantity(float(_platoon_distance(parameters[None])[0]), *ends)
 
 
@@ -542,8 +542,8 @@ def _norm(parameters: Parameters, smallest: FloatArray, largest: FloatArray) -> 
         distance = np.where(parameters.tau > largest, -np.inf, parameters.tau - smallest)
     bare = np.where(np.isfinite(smallest), np.inf, -np.inf)
     distance = np.where(parameters.alpha == 0, bare, distance)
-    known = np.isfinite(parameters.alpha)
-    return np.where(known, smallest, np.nan), np.where(known, distance, np.nan), parameters.s0
+    finite = np.isfinite(parameters.alpha)
+    return np.where(finite, smallest, np.nan), np.where(finite, distance, np.nan), parameters.s0
 
 
 def _thinned(draws: Parameters) -> Parameters:

@@ -174,8 +174,10 @@ def _measured(
         for part in segments
         for stretch in stretches(_complete(part, first, last))
     ]
-    length = _piece_length([len(pair) - 1 for _, pair in usable], step)
-    # A stretch of N speeds has N - 1 differences.
+    # A stretch of N speeds has N - 1 differences, a piece an even number of them.
+    lengths = [len(pair) - 1 for _, pair in usable]
+    wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
+    length = 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
     usable = [(time, pair) for time, pair in usable if len(pair) > length]
     counts = [2 * (len(pair) - 1) // length - 1 for _, pair in usable]
     if sum(counts) < LEAST_PIECES:
@@ -256,12 +258,6 @@ def _complete(segment: Segment, first: int, last: int) -> Mask:
         for gone in stretches(segment.missing[:, [first, last]].any(axis=1)):
             complete[gone.rows] = len(gone) <= longest + 0.5
     return complete if segment.mask is None else complete & segment.mask[:, first:last].all(axis=1)
-
-
-def _piece_length(lengths: Sequence[int], step: Seconds) -> int:
-    """Samples of a piece, an even number, for stretches with so many differences."""
-    wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
-    return 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
 
 
 def _densities(pair: FloatArray, length: int) -> NDArray[np.complex128]:

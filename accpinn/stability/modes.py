@@ -48,12 +48,12 @@ SAMPLES = 1600
 SETTLING: tuple[Seconds, Seconds] = (12.0, 600.0)
 """Least and greatest length of the response in which settling is looked for."""
 TIME_CONSTANTS = 8.0
-"""Of the slowest pole, after which it has settled."""
+"""Time constants of the slowest pole after which a vehicle has settled."""
 
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """How a vehicle's speed answers a unit step, and a unit impulse, of the speed ahead."""
+    """Response of a vehicle's speed to a unit step, and a unit impulse, of the speed ahead."""
 
     time: FloatArray
     """(N,) in s."""
@@ -103,8 +103,8 @@ def exact_poles(parameters: Parameters) -> Complex:
     if not alpha and not beta:
         return np.empty(0, complex)
     if not delay:
-        found = np.array(poles(parameters), complex)
-        return _sorted(found if alpha else found[np.abs(found) > 1e-12])
+        roots = np.array(poles(parameters), complex)
+        return _sorted(roots if alpha else roots[np.abs(roots) > 1e-12])
     total = float(parameters.theta[1:].sum())
     starts = np.linalg.eigvals(_generator(alpha, total, lag, delay)).astype(complex)
     return _refined(starts, alpha, total, lag, delay)[:MOST_POLES]
@@ -151,11 +151,11 @@ def _refined(starts: Complex, alpha: float, total: float, lag: float, delay: flo
     s = s[np.isfinite(s) & (np.abs(value) <= RESIDUAL * size)]
     if not alpha:
         s = s[np.abs(s) > 1e-9]
-    kept: list[complex] = []
+    distinct: list[complex] = []
     for root in _sorted(s).tolist():
-        if all(abs(root - other) > APART * (1.0 + abs(root)) for other in kept):
-            kept.append(root)
-    return np.array(kept, complex)
+        if all(abs(root - other) > APART * (1.0 + abs(root)) for other in distinct):
+            distinct.append(root)
+    return np.array(distinct, complex)
 
 
 def dominant_poles(draws: Parameters) -> Complex:

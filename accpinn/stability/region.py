@@ -1,4 +1,4 @@
-"""Where a vehicle would be string stable if two of its parameters were others.
+"""Region of string stability of a vehicle in a plane of two of its parameters.
 
 A plane has two of α, β, τ on its axes and keeps the third, the lag and the delay of a vehicle; s₀
 shifts the gap alone and decides nothing. Along each column of it the stable values are one
@@ -61,7 +61,7 @@ class Region:
     """(K,) values across, above zero."""
     l2: Limits
     paper: Limits
-    """By the paper's L∞ criterion, which knows no lag or delay."""
+    """Limits by the paper's L∞ criterion, which knows no lag or delay."""
     linf: Limits
     """By the exact criterion."""
 
@@ -175,6 +175,6 @@ def _bisected(
         middle = (out + stable_end) / 2.0
         stable = is_stable(x, middle)
         out, stable_end = np.where(stable, out, middle), np.where(stable, middle, stable_end)
-    found = inside.copy()
-    found[rows] = stable_end
-    return found
+    ends = inside.copy()
+    ends[rows] = stable_end
+    return ends

@@ -147,7 +147,7 @@ class Analysis(Displayed):
         )
 
     def with_method(self, method: str, settings: Any = None) -> Self:
-        """The same question to another method, by default with its default settings.
+        """The analysis by another method, by default with its default settings.
 
         A method's usual model becomes the usual one of the other, as does one that it cannot
         estimate.

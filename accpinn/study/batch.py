@@ -36,9 +36,10 @@ from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import is_listed_name
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
+from accpinn.segment.windows import LEAST, left_out, plan
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Listing, Sources, left_out, listing_of, plan
+from accpinn.study.plan import Listing, Sources, listing_of
 from accpinn.study.result import result_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
@@ -64,7 +65,7 @@ OTHER_MAPPING = (
 
 @dataclass
 class BatchProgress:
-    """How far a batch has got, and at its end what it has come to."""
+    """Progress of a batch, and at its end the counts of its results."""
 
     files: int = 0
     done: float = 0.0
@@ -194,12 +195,12 @@ class WindowJob:
     mode_sources: tuple[str, ...]
     """(M,) as `plan` gives them."""
     recording: dict[str, Any]
-    """What rows say of the recording."""
+    """Columns of the recording, the same in all rows."""
     segment: Segment
     fraction: float = 0.0
     """Its share of what is left to do of its file."""
     script: Script | None = None
-    """What registers the model; None for a model of the package."""
+    """Script that registers the model; None for a model of the package."""
 
 
 def answer_all(job: WindowJob) -> list[Computed]:
@@ -207,23 +208,22 @@ def answer_all(job: WindowJob) -> list[Computed]:
     if job.script:
         job.script.run()
     segment = replace(job.segment)  # arrays of its own: those received may lie anyhow in memory
-    return [_answer(job, segment, analysis) for analysis in job.analyses]
-
-
-def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
-    try:
-        found = estimate(analysis, (segment,), context=TaskContext(threads=1))
-        result = result_of(analysis, (segment,), found)
-        rows = rows_of(result, job.recording, job.mode_sources)
-        kind = METHODS[analysis.method].posterior(analysis.settings)
-        if kind is None:
-            return Computed(analysis, rows)
-        own = window_posterior(segment, analysis.case, analysis.spec, kind)
-        return Computed(analysis, rows, own.likely)
-    except AccpinnError as fault:
-        return Computed(analysis, reason=str(fault))
-    except Exception as fault:  # a fault of the program, told and tried again another time
-        return Computed(analysis, reason=sentence_of(fault), is_final=False)
+    answers: list[Computed] = []
+    for analysis in job.analyses:
+        try:
+            point = estimate(analysis, (segment,), context=TaskContext(threads=1))
+            result = result_of(analysis, (segment,), point)
+            rows = rows_of(result, job.recording, job.mode_sources)
+            kind = METHODS[analysis.method].posterior(analysis.settings)
+            draws = None
+            if kind is not None:
+                draws = window_posterior(segment, analysis.case, analysis.spec, kind).likely
+            answers.append(Computed(analysis, rows, draws))
+        except AccpinnError as fault:
+            answers.append(Computed(analysis, reason=str(fault)))
+        except Exception as fault:  # a fault of the program, told and tried again another time
+            answers.append(Computed(analysis, reason=sentence_of(fault), is_final=False))
+    return answers
 
 
 # In the caller's process
@@ -349,7 +349,7 @@ class _Batch:
                 yield replace(job, fraction=size / sum(sizes), script=self._script)
 
     def _jobs_of(self, file: Path) -> list[WindowJob]:
-        """The windows of a file that are left to do; what is known whole is not read.
+        """The windows of a file that are left to do; a file that is complete is not read.
 
         Raises:
             AccpinnError: where nothing of it can be used.
@@ -359,28 +359,28 @@ class _Batch:
         earlier = self._digests.setdefault(digest, file)
         if earlier != file:
             raise RecordingError(f"its contents are those of {earlier.name}")
-        known, jobs = self._study.known_file(digest), list[WindowJob]()
-        if known and known.mapping != mapping:
+        record, jobs = self._study.known_file(digest), list[WindowJob]()
+        if record and record.mapping != mapping:
             raise RecordingError(OTHER_MAPPING)
-        rows = self._rows(known) if known else []
-        if not known or any(None in numbers.values() for numbers in rows):
-            known, jobs = self._read(file, mapping)
-            self._study.add_file(digest, known)
-            rows = self._rows(known)
-        if self._study.has_namesake(file.name, known):
+        rows = self._rows(record) if record else []
+        if not record or any(None in numbers.values() for numbers in rows):
+            record, jobs = self._read(file, mapping)
+            self._study.add_file(digest, record)
+            rows = self._rows(record)
+        if self._study.has_namesake(file.name, record):
             self._now.namesakes = tuple(sorted({*self._now.namesakes, file.name}))
-        self._count(known, rows)
+        self._count(record, rows)
         left = list[WindowJob]()
         for job, numbers in zip(jobs, rows, strict=False):
             (window,) = job.analyses
             missing = [method for method, number in numbers.items() if number is None]
             if missing:
-                asked = tuple(window.with_method(*variant_of(name)) for name in missing)
-                left.append(replace(job, analyses=asked))
+                analyses = tuple(window.with_method(*variant_of(name)) for name in missing)
+                left.append(replace(job, analyses=analyses))
         return left
 
     def _read(self, file: Path, mapping: CsvMapping | None) -> tuple[KnownFile, list[WindowJob]]:
-        """What a file holds, and its windows with their data."""
+        """Read a file: its record in the study, and its windows with their data."""
         recordings, refused, parts = 0, 0, list[WindowJob | AccpinnError]()
         for recording in read_all(file, mapping=self._request.mapping):
             if isinstance(recording, Recording):
@@ -394,21 +394,21 @@ class _Batch:
         windows = tuple(job.analyses[0] for job in jobs)
         return KnownFile(mapping, recordings, refused, windows), jobs
 
-    def _rows(self, known: KnownFile) -> list[dict[str, int | None]]:
-        """For each window of a file its number of rows by method, as `Study.rows_of` gives it."""
+    def _rows(self, record: KnownFile) -> list[dict[str, int | None]]:
+        """The number of rows of each window of a file by method, as `Study.rows_of` gives it."""
         of, methods = self._study.rows_of, self._request.methods
         return [
             {name: of(window.with_method(*variant_of(name))) for name in methods}
-            for window in known.windows
+            for window in record.windows
         ]
 
-    def _count(self, known: KnownFile, rows: list[dict[str, int | None]]) -> None:
-        """Count a file's recordings and windows, and what is known of them."""
+    def _count(self, record: KnownFile, rows: list[dict[str, int | None]]) -> None:
+        """Count a file's recordings and windows, and the rows that the study has of them."""
         now = self._now
-        now.recordings += known.recordings
-        now.refused += known.refused
-        now.windows += len(known.windows)
-        now.followers += sum(len(window.vehicles) - 1 for window in known.windows)
+        now.recordings += record.recordings
+        now.refused += record.refused
+        now.windows += len(record.windows)
+        now.followers += sum(len(window.vehicles) - 1 for window in record.windows)
         numbers = [n for window in rows for n in window.values() if n is not None]
         now.reused += sum(numbers)
         now.rows += sum(numbers)
@@ -420,7 +420,7 @@ class _Batch:
         self._now.finished += 1
         if isinstance(answers, Exception):
             reason = sentence_of(answers)
-            answers = [Computed(asked, reason=reason, is_final=False) for asked in job.analyses]
+            answers = [Computed(each, reason=reason, is_final=False) for each in job.analyses]
         for answer in answers:
             self._study.add(job.file.name, answer)
             self._now.rows += len(answer.rows)

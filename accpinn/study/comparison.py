@@ -74,19 +74,19 @@ def compare(
     """
     analyses = [analysis.with_method(*variant_of(name)) for name in methods]
     if recording and not segments:
-        variants = [(asked.method, asked.settings) for asked in analyses]
+        variants = [(variant.method, variant.settings) for variant in analyses]
         for window in analysis.windows:
             segment_for(variants, recording, window.start, window.duration, analysis.vehicles)
     segments = segments or analyses[0].segments(recording)
     context = context or TaskContext()
-    for asked in analyses:
+    for variant in analyses:
         try:
-            found = estimate(asked, segments, context=context)
-            result = result_of(asked, segments, found, recording)
+            point = estimate(variant, segments, context=context)
+            result = result_of(variant, segments, point, recording)
             if not context.is_stopped:
                 result = result.with_holdout(context)
         except AccpinnError as fault:  # the others may well serve
-            yield Refused(asked, fault)
+            yield Refused(variant, fault)
             continue
         if context.is_stopped:
             return
@@ -97,7 +97,7 @@ def compare(
 
 
 class TrainingSpread(Finding, frozen=True):
-    """How far apart the trainings end."""
+    """Spread of the estimates of several trainings."""
 
     text = (
         "The {trainings} trainings end up to {largest:.0f} % apart{why}. Do not quote a single one"
@@ -135,7 +135,7 @@ class TrainingSpread(Finding, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How far apart several trainings of one segment end."""
+    """Spread of the estimates of several trainings of one segment."""
 
     percent: FloatArray
     """(M, 3) spread of α, β, τ in percent: largest minus smallest, over the mean.
@@ -151,7 +151,7 @@ def starts(
     initials: Sequence[Parameters] = STARTS,
     seeds: Sequence[int] | None = None,
 ) -> Iterator[Analysis]:
-    """The same question from every initial value, with every seed.
+    """The analysis with every initial value and every seed.
 
     Args:
         analysis: whose settings serve all trainings, but for initial values and seed. In place of
@@ -174,7 +174,7 @@ def starts(
 
 
 def spread_of(results: Sequence[Result]) -> Spread:
-    """How far apart trainings of one segment end that differ in initial values and seed.
+    """Spread of the estimates of trainings that differ in initial values and seed.
 
     Examples:
         >>> import accpinn
@@ -194,10 +194,11 @@ def spread_of(results: Sequence[Result]) -> Spread:
     spread = 100.0 * np.divide(
         np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
     )
-    known = spread[np.isfinite(spread)]
-    if not known.size:
+    finite = spread[np.isfinite(spread)]
+    if not finite.size:
         return Spread(spread, ())
     unconverged = sum(result.estimate.outcome is Outcome.FINISHED for result in results)
-    every = known.size == spread.size
-    found = TrainingSpread(len(results), float(known.max()), every, unconverged)
-    return Spread(spread, (found,))
+    is_whole = finite.size == spread.size
+    return Spread(
+        spread, (TrainingSpread(len(results), float(finite.max()), is_whole, unconverged),)
+    )

@@ -41,7 +41,7 @@ class File:
 
 @dataclass(frozen=True)
 class Dropped:
-    """What came of files that were handed over."""
+    """Files that were handed over: those taken, and a sentence for each that was refused."""
 
     files: tuple[File, ...] = ()
     refused: tuple[str, ...] = ()
@@ -71,7 +71,8 @@ class Dropped:
 def take(given: Iterable[tuple[str, bytes]]) -> Dropped:
     """Unpack and read files, given by name and content."""
     files, refused = list[File](), list[str]()
-    known: dict[str, str] = {}
+    names: dict[str, str] = {}
+    """The names of the files taken, by the digest of their contents."""
     used = 0
     for name, part in _unpacked(given):
         if isinstance(part, AccpinnError):
@@ -79,8 +80,8 @@ def take(given: Iterable[tuple[str, bytes]]) -> Dropped:
             continue
         digest = sha256(part).hexdigest()
         reason = ""
-        if digest in known:
-            reason = f"its contents are those of {known[digest]}; it is taken once"
+        if digest in names:
+            reason = f"its contents are those of {names[digest]}; it is taken once"
         elif len(files) == MOST_FILES:
             reason = f"{MOST_FILES} files are taken at a time; start a batch with these first"
         elif used + len(part) > LIMIT_BYTES:
@@ -91,7 +92,7 @@ def take(given: Iterable[tuple[str, bytes]]) -> Dropped:
         elif reason:
             refused.append(f"{shown}: {reason}.")
         else:
-            known[digest] = shown
+            names[digest] = shown
             used += len(part)
             files.append(File(name, part))
     return Dropped(tuple(files), tuple(refused))
@@ -100,12 +101,12 @@ def take(given: Iterable[tuple[str, bytes]]) -> Dropped:
 def _fault(name: str, raw: bytes) -> str:
     """Why no recording can be read of a file; empty where one can."""
     try:
-        found = list(read_all(raw, name))
+        parts = list(read_all(raw, name))
     except AccpinnError as fault:
         return str(fault)
-    if any(isinstance(part, Recording) for part in found):
+    if any(isinstance(part, Recording) for part in parts):
         return ""
-    return str(found[0]) if found else f"{name}: no recording is in it."
+    return str(parts[0]) if parts else f"{name}: no recording is in it."
 
 
 def _unpacked(
@@ -138,16 +139,16 @@ def _members(path: PurePosixPath, raw: bytes) -> Iterator[tuple[PurePosixPath, b
             name: PurePosixPath(*map(_plain, PurePosixPath(name).parts[-2:])) for name in names
         }
         runs = {
-            name: own for name, own in paths.items()
-            if own.suffix.lower() in ENDINGS and not is_note(Path(own))
+            name: inner for name, inner in paths.items()
+            if inner.suffix.lower() in ENDINGS and not is_note(Path(inner))
         }  # fmt: skip
         if not runs:
             raise refusal("no table of a recording is in this archive", "drop the files themselves")
         used = 0
-        for name, own in runs.items():
+        for name, inner in runs.items():
             content = zip_member(archive, name, refusal, used)
             used += len(content)
-            yield own, content
+            yield inner, content
 
 
 def _plain(name: str) -> str:

@@ -40,7 +40,7 @@ from accpinn.model.registry import BEST, FOLLOWING, time_gap, value_of
 from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin, peaks
-from accpinn.stability.margin import l2_margins
+from accpinn.stability.margin import VehicleMargin, l2_margins, margins
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, interval_ends
@@ -83,6 +83,8 @@ class Group:
     """Lowest and highest speed in its windows; nan where a study does not tell."""
     differing: tuple[Car, ...]
     """Those with several windows."""
+    point: Parameters | None = None
+    """One parameter set in place of the mean of the draws, as the joint estimate of all windows."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,6 +107,24 @@ class Group:
         """Whether its windows hold a speed; what is said of another is extrapolated."""
         low, high = self.driven
         return not (speed < low or speed > high)
+
+    @property
+    def typical(self) -> Parameters:
+        """The typical parameters; of a model that is no CTHP linearised at `median_speed`."""
+        return self._parts[0]
+
+    @property
+    def median_speed(self) -> MetresPerSecond:
+        """The median of its vehicles' median speeds, in m/s."""
+        return float(np.median(self.speeds)) if len(self.speeds) else AT_SPEED
+
+    @cached_property
+    def margins(self) -> VehicleMargin:
+        """How far its time gap is from string stability by both norms, at `median_speed`."""
+        middle, typical, _ = self._parts
+        shown = Parameters.of(middle.everything[None])
+        draws = Parameters.of(typical.everything[:, None])
+        return margins(shown, self.median_speed, draws, self.level).vehicles[0]
 
     @cached_property
     def growth(self) -> Quantity:
@@ -169,13 +189,12 @@ class Group:
 
     @cached_property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
-        at = float(np.median(self.speeds)) if len(self.speeds) else AT_SPEED
-        space = coordinates_of(self.model)
+        at, space = self.median_speed, coordinates_of(self.model)
         value, further = (
             space.parameters(space.possible(phi, at), at)
             for phi in (self.drawn.value, self.drawn.further)
         )
-        return space.parameters(self.drawn.middle, at), value, further
+        return self.point or space.parameters(self.drawn.middle, at), value, further
 
     def _spread(self, variances: FloatArray) -> dict[str, Quantity]:
         spreads = coordinates_of(self.model).spreads
@@ -207,15 +226,16 @@ class Groups:
     def to_frame(self) -> pd.DataFrame:
         """One row a group, as `Result.to_frame` has one a follower.
 
-        Columns are what it is grouped by, windows, vehicles, mean_time_gap (median, and the
-        quartiles as .._low and .._high), the typical time gap at 50 and 100 km/h and the
-        parameters with their intervals, margin_l2 (of the time gap, in s), and the shares l2_stable
-        and linf_stable.
+        Columns are what it is grouped by, windows, vehicles, following_model, mean_time_gap
+        (median, and the quartiles as .._low and .._high), the typical time gap at 50 and 100 km/h
+        and the parameters with their intervals, margin_l2 (of the time gap, in s), and the shares
+        l2_stable and linf_stable.
         """
         rows = []
         for part in self.groups:
             row: dict[str, Any] = dict(zip(self.by, part.values, strict=True))
-            row |= {"windows": part.windows, "vehicles": part.vehicles, "model": self.model}
+            row |= {"windows": part.windows, "vehicles": part.vehicles}
+            row["following_model"] = self.model
             known: dict[str, Quantity] = {"mean_time_gap": part.mean_time_gap}
             for speed in SPEEDS:
                 known[f"time_gap_at_{3.6 * speed:.0f}_kmh_s"] = part.time_gap(speed)

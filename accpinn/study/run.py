@@ -18,7 +18,6 @@ from accpinn.methods.estimate import (
     CacheProblem,
     Estimate,
     History,
-    OnProgress,
     Outcome,
     Progress,
 )
@@ -75,12 +74,15 @@ def run(
         context = context or TaskContext()
         if watched := context.on_progress:
             phases = _phases(analysis, segments, context, recording)
-            context = replace(context, on_progress=_with_time_left(watched, Forecast(phases)))
-        found = estimate(analysis, segments, context=context)
-        result = result_of(analysis, segments, found, recording)
+            forecast = Forecast(phases)
+            context = replace(context, on_progress=lambda now: watched(forecast.of(now)))
+        point = estimate(analysis, segments, context=context)
+        result = result_of(analysis, segments, point, recording)
         if context.with_checks:
-            _check(result, context)
-        if store and found.is_finished:
+            if context.on_progress and point.history:
+                context.on_progress(_moment(CHECKS, point.history, 0, 1, point.seconds))
+            _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
+        if store and point.is_finished:
             store.keep(result, problems.append)
     if not problems:
         return result
@@ -108,15 +110,15 @@ def estimate(
         return point
     started = perf_counter()
 
-    def told(phase: str, done: int, steps: int) -> None:
+    def report(phase: str, done: int, steps: int) -> None:
         if context.on_progress and point.history:
             seconds = point.seconds + perf_counter() - started
             context.on_progress(_moment(phase, point.history, done, steps, seconds))
 
-    found = with_posterior(point, segments, kind, on_step=told, should_stop=context.should_stop)
-    if found.posterior is None:
-        return replace(found, outcome=Outcome.STOPPED)
-    return replace(found, seconds=point.seconds + perf_counter() - started)
+    whole = with_posterior(point, segments, kind, on_step=report, should_stop=context.should_stop)
+    if whole.posterior is None:
+        return replace(whole, outcome=Outcome.STOPPED)
+    return replace(whole, seconds=point.seconds + perf_counter() - started)
 
 
 def _moment(phase: str, history: History, done: int, steps: int, seconds: Seconds) -> Progress:
@@ -137,14 +139,6 @@ def _moment(phase: str, history: History, done: int, steps: int, seconds: Second
     )
 
 
-def _check(result: Result, context: TaskContext) -> None:
-    """Compute what a page shows beside the estimate."""
-    found = result.estimate
-    if context.on_progress and found.history:
-        context.on_progress(_moment(CHECKS, found.history, 0, 1, found.seconds))
-    _ = result.trust, result.evaluation, result.gain_checks, result.gap_band
-
-
 def _phases(
     analysis: Analysis, segments: Segments, context: TaskContext, recording: Recording | None
 ) -> dict[str, Phase]:
@@ -162,11 +156,6 @@ def _phases(
         seconds += segments[0].followers * (0.07 + 0.02 * len(segments)) if kind else 0.0
         phases[CHECKS] = Phase(1, seconds)
     return phases
-
-
-def _with_time_left(watched: OnProgress, forecast: Forecast) -> OnProgress:
-    """Who watches is told the time left, too."""
-    return lambda now: watched(forecast.of(now))
 
 
 def analysis_of(segments: Sequence[Segment], analysis: Analysis) -> Analysis:

@@ -92,7 +92,7 @@ MARKS = {
     "report": b"<!doctype html",
     "file for SUMO": b"<!-- car-following model ",
 }
-"""What stands among the first bytes of every such file, in lower case."""
+"""Text among the first bytes of every such file, in lower case."""
 ATTRIBUTION_TEXT = files("accpinn.study").joinpath("attribution.txt").read_text("utf-8")
 
 
@@ -224,20 +224,17 @@ def writable_path(target: Path, kind: str) -> Path:
         if path.is_dir():
             raise SnapshotError(f"{path}: this is a folder; name a file in it for the {kind}.")
         if path.exists():
-            _require_kind(path, kind)
+            beginning = b"neither file nor folder"
+            if path.is_file():
+                with path.open("rb") as file:
+                    beginning = file.read(200).lower()
+            if beginning and MARKS[kind] not in beginning:
+                raise SnapshotError(
+                    f"{path}: this is something else than a {kind} and is not overwritten; choose"
+                    " another name."
+                )
         with tempfile.TemporaryFile(dir=path.parent):
             return path
-
-
-def _require_kind(path: Path, kind: str) -> None:
-    if path.is_file():
-        with path.open("rb") as file:
-            beginning = file.read(200).lower()
-        if not beginning or MARKS[kind] in beginning:
-            return
-    raise SnapshotError(
-        f"{path}: this is something else than a {kind} and is not overwritten; choose another name."
-    )
 
 
 def write_file(content: bytes, target: Path, kind: str) -> Path:
@@ -312,7 +309,17 @@ def read(data: bytes) -> Result:
         raise SnapshotError(f"The snapshot is larger than {LARGEST / 1e6:.0f} MB; it is refused.")
     try:
         with open_archive(data, len(MEMBERS) + MOST_ARRAYS) as archive:  # those inside count, too
-            _check_members(archive.namelist())
+            # Nothing of a file is read that holds members besides those of a snapshot.
+            names = archive.namelist()
+            missing = {MANIFEST, DOCUMENT, ARRAYS} - {*names}
+            foreign = [name for name in names if name not in MEMBERS]
+            foreign += [name for k, name in enumerate(names) if name in names[:k]]
+            if foreign and not missing:
+                raise SnapshotError(
+                    f'The snapshot is refused: it holds "{str(sanitise(foreign[0]))[:60]}", which'
+                    " belongs in none; get the file anew."
+                )
+            _require(not missing, "a member is missing")
             manifest = msgspec.json.decode(read_member(archive, MANIFEST, MEMBERS[MANIFEST]))
             _check_schema(manifest)
             document = read_member(archive, DOCUMENT, MEMBERS[DOCUMENT])
@@ -341,22 +348,9 @@ def read(data: bytes) -> Result:
         result = replace(result, compared=rows, digest=digest)
         _check(result)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
-        said = str(sanitise(str(fault))).rstrip(".")[:160]
-        raise SnapshotError(f"The snapshot is refused: {said}.") from None
+        reason = str(sanitise(str(fault))).rstrip(".")[:160]
+        raise SnapshotError(f"The snapshot is refused: {reason}.") from None
     return result
-
-
-def _check_members(names: list[str]) -> None:
-    """Refuse what is no snapshot, and one with members besides its own."""
-    missing = {MANIFEST, DOCUMENT, ARRAYS} - {*names}
-    foreign = next((name for k, name in enumerate(names) if name in names[:k]), "")
-    foreign = next((name for name in names if name not in MEMBERS), foreign)
-    if foreign and not missing:
-        raise SnapshotError(
-            f'The snapshot is refused: it holds "{str(sanitise(foreign))[:60]}", which belongs in'
-            " none; get the file anew."
-        )
-    _require(not missing, "a member is missing")
 
 
 def _check_schema(manifest: Any) -> None:
@@ -382,18 +376,19 @@ def _check(result: Result) -> None:
     Raises:
         ValueError, AccpinnError: with what is wrong and where.
     """
-    asked = result.analysis
+    analysis = result.analysis
+    method, model = analysis.method, analysis.spec.model
     _require(
-        asked.method in METHODS,
-        f'its method "{asked.method[:40]}" is not known here; register it first, as the script did'
-        " that made it",
+        method in METHODS,
+        f'its method "{method[:40]}" is not known here; register it first, as the script did that'
+        " made it",
     )
     _require(
-        asked.spec.model in FOLLOWING,
-        f'its model "{asked.spec.model[:40]}" is not known here; register it first, as the script'
-        " did that made it",
+        model in FOLLOWING,
+        f'its model "{model[:40]}" is not known here; register it first, as the script did that'
+        " made it",
     )
-    counts = {len(asked.windows), len(result.infos), len(result.segments)}
+    counts = {len(analysis.windows), len(result.infos), len(result.segments)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(result.recording is None, "it holds a recording")
     _check_counts(result)
@@ -401,7 +396,7 @@ def _check(result: Result) -> None:
         _require(len(text) <= most, "its name or note is too long")
     for info, segment in zip(result.infos, result.segments, strict=True):
         _check_info(info)
-        _require(info.vehicles == asked.vehicles, "its vehicles are not those asked for")
+        _require(info.vehicles == analysis.vehicles, "its vehicles are not those asked for")
         _check_times(segment.time)
         _require(segment.info == info, "its data are not the window that it was learned from")
         _require(_samples(segment) <= MOST_COMPUTED, "a window is longer than can be computed anew")
@@ -460,9 +455,10 @@ def _check_info(info: SegmentInfo) -> None:
 
 
 def _check_estimate(estimate: Estimate, result: Result) -> None:
-    asked, info, count = result.analysis, result.info, len(result.infos)
-    same = (estimate.method, estimate.spec, estimate.case) == (asked.method, asked.spec, asked.case)
-    _require(same, "its estimate is another one than was asked for")
+    analysis, info, count = result.analysis, result.info, len(result.infos)
+    of_estimate = estimate.method, estimate.spec, estimate.case
+    is_same = of_estimate == (analysis.method, analysis.spec, analysis.case)
+    _require(is_same, "its estimate is another one than was asked for")
     _require(estimate.numbers == info.vehicles[1:], "its estimate is of other vehicles")
     _require(min(estimate.iterations, estimate.network_weights) >= 0, "a count is negative")
     _require(len(estimate.curves) in (0, count), "its curves differ in number")
@@ -474,12 +470,12 @@ def _check_estimate(estimate: Estimate, result: Result) -> None:
     for part in (estimate, estimate.posterior, estimate.history, estimate.track):
         _check_fields(part, dict(lengths))
     width = estimate.parameters.nonlinear.shape[-1]
-    own = 0 if estimate.following.is_linear else len(estimate.names)
-    _require(width == own, "its parameters are another model's")
+    expected_width = 0 if estimate.following.is_linear else len(estimate.names)
+    _require(width == expected_width, "its parameters are another model's")
     values = estimate.parameters.values
-    known = values[~np.isnan(values).all(axis=1)]  # of the others nothing is determined
-    known[known[:, 0] == 0, 2] = 0.0  # τ has no effect without α
-    _require(bool(((known >= 0) & (known < np.inf)).all()), "a parameter of it is out of range")
+    values = values[~np.isnan(values).all(axis=1)]  # of the others nothing is determined
+    values[values[:, 0] == 0, 2] = 0.0  # τ has no effect without α
+    _require(bool(((values >= 0) & (values < np.inf)).all()), "a parameter of it is out of range")
     posterior = estimate.posterior
     if posterior:
         _require(0 < posterior.level < 1, "a level is not between 0 and 1")
@@ -497,8 +493,9 @@ def _check_times(time: NDArray[np.float64]) -> None:
 
 def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
     _check_info(judged.info)
-    known = len(judged.info.vehicles) == 2 and {*judged.info.vehicles} <= {*info.vehicles}
-    _require(known, "a judgement is of other vehicles")
+    vehicles = judged.info.vehicles
+    is_pair = len(vehicles) == 2 and {*vehicles} <= {*info.vehicles}
+    _require(is_pair, "a judgement is of other vehicles")
     _require(judged.windows != () and judged.scores != (), "a judgement is empty")
     is_short = len(judged.windows) <= MOST_WINDOWS and len(judged.scores) <= len(FOLLOWING)
     _require(is_short, "a judgement has too many windows or models")
@@ -519,7 +516,7 @@ def _check_shapes(value: Any, info: SegmentInfo) -> None:
 
 
 def _check_fields(value: Any, lengths: dict[str, int]) -> None:
-    """The same of the fields of one object."""
+    """Refuse fields of one object with other lengths than `SHAPES` has."""
     for name, letters in SHAPES.get(type(value), {}).items():
         _check_shape(name, getattr(value, name), letters, lengths)
 
@@ -532,13 +529,13 @@ def _check_shape(name: str, values: Any, letters: str, lengths: dict[str, int]) 
     values = values.values if isinstance(values, Parameters) else values
     if values is None:
         return
-    shape, asked = np.shape(values), letters.rstrip("!")
-    expected = tuple(map(lengths.setdefault, asked, shape))
+    shape, axes = np.shape(values), letters.rstrip("!")
+    expected = tuple(map(lengths.setdefault, axes, shape))
     _require(
-        shape == expected and len(shape) == len(asked) and 0 not in shape,
+        shape == expected and len(shape) == len(axes) and 0 not in shape,
         f"its {name.replace('_', ' ')} has the shape {shape}, which does not fit the rest",
     )
-    is_finite = asked == letters or np.isfinite(values).all()
+    is_finite = axes == letters or np.isfinite(values).all()
     _require(bool(is_finite), f"its {name.replace('_', ' ')} is not finite")
 
 

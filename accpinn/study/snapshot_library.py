@@ -65,7 +65,7 @@ class Library(Shelf):
         cap_bytes: int = LIBRARY_BYTES,
         cap_count: int = LIBRARY_COUNT,
     ) -> None:
-        """By default among the user's data."""
+        """Open the library of a folder, by default among the user's data."""
         super().__init__(folder("snapshots") if place is None else Path(place), cap_bytes)
         self.cap_count = cap_count
 
@@ -144,15 +144,16 @@ class Library(Shelf):
         os.replace(deleted, path)
 
     def verification(self, name: str) -> Verification | None:
-        """How a snapshot was verified here; None for one that was not, or has changed since."""
+        """Verification of a snapshot here; None for one not verified, or changed since."""
         path = self.path(name)
         try:
             tree = msgspec.json.decode(_verified_path(path).read_bytes())
-            kept = restore(KeptVerification, tree, {})
-            is_same = state_of(path) == kept.state or _checksum(path) == kept.sha256
+            stored = restore(KeptVerification, tree, {})
+            is_same = state_of(path) == stored.state or _checksum(path) == stored.sha256
         except (OSError, ValueError, TypeError):
             return None
-        return kept.verification if is_same and kept.verification.accpinn == __version__ else None
+        is_valid = is_same and stored.verification.accpinn == __version__
+        return stored.verification if is_valid else None
 
     def keep_verification(self, result: Result, verification: Verification) -> None:
         """Keep how a snapshot was verified; nothing happens where that cannot be written.
@@ -168,21 +169,21 @@ class Library(Shelf):
         with suppress(OSError, SnapshotError):
             state, checksum = state_of(path), _checksum(path)
             if self.read(result.id).digest == result.digest:
-                kept = KeptVerification(checksum, state, verification)
-                write_whole(_verified_path(path), msgspec.json.encode(dump(kept)[0]))
+                entry = KeptVerification(checksum, state, verification)
+                write_whole(_verified_path(path), msgspec.json.encode(dump(entry)[0]))
 
     def _sweep(self) -> None:
         """Remove what was deleted long ago, and what killed processes have left behind.
 
         What was deleted last stays in any case: a clock that is wrong ends no undo.
         """
-        for ending, kept, most in ((UNFINISHED, ABANDONED, 0), (DELETED, RESTORABLE, UNDONE)):
+        for ending, age, newest in ((UNFINISHED, ABANDONED, 0), (DELETED, RESTORABLE, UNDONE)):
             times: list[tuple[float, Path]] = []
             with suppress(OSError):  # another process swept it just now
                 times = [(path.stat().st_mtime, path) for path in self.folder.glob(f"*{ending}")]
-            for changed, path in sorted(times)[: len(times) - most]:
+            for changed, path in sorted(times)[: len(times) - newest]:
                 with suppress(OSError):
-                    if time.time() - changed > kept:
+                    if time.time() - changed > age:
                         path.unlink()
                         snapshot = path.with_suffix(Path(SUFFIX).suffix)
                         if not snapshot.exists():

@@ -33,14 +33,14 @@ KEPT = 100
 """Draws of each posterior. An end of a group's interval moves by a twentieth of its width, as it
 does from one sampling to the next."""
 SOURCE = "OpenACC"
-"""What stands for the places of the recordings on the machine where it was computed."""
+"""Stands for the places of the recordings on the machine where it was computed."""
 PAGE_BYTES = 1024
 """Size of a page of the SQLite file; larger ones leave much room empty."""
 
 
 @dataclass(frozen=True)
 class About:
-    """How a supplied study was made."""
+    """Origin of a supplied study."""
 
     date: str
     """Day of its computation, as 2026-11-29."""
@@ -57,7 +57,7 @@ def supplied_study() -> Path | None:
 
 
 def read_about(folder: Path) -> About:
-    """How the study in a folder was made."""
+    """Origin of the study in a folder."""
     return About(**json.loads((folder / ABOUT).read_text(encoding="utf-8")))
 
 
@@ -73,32 +73,32 @@ def keep_figures(study: Path, folder: Path) -> None:
     assert request is not None  # a batch keeps it first
     width = coordinates_of(request.model).count
     folder.mkdir(parents=True, exist_ok=True)
-    with closing(sqlite3.connect(":memory:")) as kept:
-        kept.execute(f"pragma page_size = {PAGE_BYTES}")
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.execute(f"pragma page_size = {PAGE_BYTES}")
         with closing(sqlite3.connect(study / FILE)) as source:
-            kept.executescript("\n".join(source.iterdump()))
+            database.executescript("\n".join(source.iterdump()))
             (version,) = source.execute("pragma user_version").fetchone()
-        kept.execute(f"pragma user_version = {version}")
-        kept.execute("delete from files")
-        kept.execute("update refused set path = file")
-        kept.execute(
+        database.execute(f"pragma user_version = {version}")
+        database.execute("delete from files")
+        database.execute("update refused set path = file")
+        database.execute(
             "update request set document = json_set(document, '$.sources', json(?),"
             " '$.workers', null)",
             (json.dumps([SOURCE]),),
         )
-        for place, rows in kept.execute("select rowid, rows from answers").fetchall():
-            known = [{k: v for k, v in row.items() if v is not None} for row in json.loads(rows)]
-            text = json.dumps(known, ensure_ascii=False, separators=(",", ":"))
-            kept.execute("update answers set rows = ? where rowid = ?", (text, place))
-        for place, raw in kept.execute("select rowid, draws from posteriors").fetchall():
+        for place, rows in database.execute("select rowid, rows from answers").fetchall():
+            present = [{k: v for k, v in row.items() if v is not None} for row in json.loads(rows)]
+            text = json.dumps(present, ensure_ascii=False, separators=(",", ":"))
+            database.execute("update answers set rows = ? where rowid = ?", (text, place))
+        for place, raw in database.execute("select rowid, draws from posteriors").fetchall():
             every = np.frombuffer(raw, "<f8").reshape(-1, width)
             some = every[np.linspace(0, len(every) - 1, min(len(every), KEPT)).astype(int)]
             # Of three digits, far fewer than their spread is known to, the file packs well.
             short = some.astype(np.float16).astype("<f8").tobytes()
-            kept.execute("update posteriors set draws = ? where rowid = ?", (short, place))
-        kept.commit()
-        kept.execute("vacuum")
-        write_whole(folder / FILE, kept.serialize())
+            database.execute("update posteriors set draws = ? where rowid = ?", (short, place))
+        database.commit()
+        database.execute("vacuum")
+        write_whole(folder / FILE, database.serialize())
     about = About(datetime.now(UTC).date().isoformat(), __version__, KEPT)
     write_whole(folder / ABOUT, (json.dumps(asdict(about), indent=2) + "\n").encode())
 

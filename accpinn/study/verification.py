@@ -1,4 +1,4 @@
-"""What a snapshot says, held against what its analysis gives when it is run again.
+"""Verification of a snapshot: its analysis is run again and compared number by number.
 
 The analysis is run again on the snapshot's data, and estimate, posterior and held-out errors of
 both are compared number by number; so are the methods compared with it, and with the recording the
@@ -35,7 +35,6 @@ from accpinn.methods.estimate import (
 )
 from accpinn.methods.joint_likelihood import UNKNOWNS
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories
 from accpinn.recordings import Recording, facts_of
 from accpinn.segment import SegmentInfo, WindowMoved, WindowShortened
 from accpinn.segment.cut import MAX_FOLLOWERS
@@ -47,12 +46,12 @@ from accpinn.units import FloatArray, Seconds, interval_ends
 
 State = Literal["reproduced", "not checked"]
 Cure = Literal["", "--recording", "--refit"]
-"""What checks more, as the command line has it; empty where nothing can."""
+"""Option of the command line that checks more; empty where none can."""
 
 PATIENCE: Seconds = 60.0
 """Longest time that running the methods again may be expected to take by default."""
 PROMPT: Seconds = 5.0
-"""The same where the verification only comes before something else."""
+"""Longest time that running the methods again may take before a report is made."""
 HOWEVER_LONG: Seconds = inf
 EACH_PAIR: Seconds = 0.1
 """Time that a posterior takes for each follower in each window."""
@@ -60,16 +59,16 @@ EACH_PAIR: Seconds = 0.1
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 """Numbers closer than this are the same; other processors round differently."""
 SOLVED = 1e-6
-"""The same share for what a method finds."""
+"""Relative tolerance of the numbers that a method finds."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
-"""What computing with numbers that no snapshot has can raise."""
+"""Exceptions of computing with numbers that no snapshot has."""
 COUNTED = 0.05
 """Difference of what is counted of draws, and of probabilities, from one processor to another."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
 EVERYWHERE = ("method", "spec", "case", "settings", "numbers", "speeds", "driven", "outcome",
               "active_bounds", "network_weights")  # fmt: skip
-"""What an iterative training gives alike on every processor."""
+"""Fields that an iterative training gives alike on every processor."""
 CURVES = 0.05
 """Difference of its curves from one processor to another, in m and m/s, and share of what is
 determined less than the parameters: those of each window by itself, loss, disturbances."""
@@ -110,7 +109,7 @@ class Check:
     """Why it could not be checked or computed, as a clause."""
     cure: Cure = ""
     seconds: Seconds = 0.0
-    """How long the cure is expected to take, in s; 0 where that is not known."""
+    """Expected time of the cure, in s; 0 where that is not known."""
 
     @property
     def title(self) -> str:
@@ -134,7 +133,7 @@ class Check:
 MOST_NAMED = 2
 """Methods of a part that a sentence names; of more it tells the number."""
 MARKS = {True: "✓", False: "✗", None: "–"}
-"""What stands before a verification's sentence."""
+"""Sign before a verification's sentence."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ class Verification:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were computed again."""
+        """Count of numbers that were computed again."""
         return sum(check.numbers for check in self.checks)
 
     @property
@@ -204,7 +203,7 @@ class Verification:
 
     @property
     def how(self) -> str:
-        """What was done, when, and by which version."""
+        """Extent, date and version of the verification in one line."""
         done = ["methods run again"] * self._is_reproduced("estimate")
         done += ["data compared with the recording"] * self.has_recording
         when = f"{self.created[:16].replace('T', ' ')} UTC" if self.created else ""
@@ -292,7 +291,7 @@ def _judged(whole: Result, left: Seconds) -> Check:
 
 
 def refit_seconds(result: Result) -> Seconds:
-    """How long running the method of a result again takes, hold-out included, in s."""
+    """Expected time of running the method of a result again, hold-out included, in s."""
     try:
         method, config = METHODS[result.analysis.method], result.analysis.config
         once = method.expected_seconds(result.segments, config)
@@ -341,8 +340,8 @@ def _refit(subject: Result, name: str, context: TaskContext | None) -> list[Chec
     if context and context.is_stopped:
         return [Check("estimate", "not checked", method=name, reason="it was stopped")]
     before, after = (
-        replace(found, findings=_lasting(found), posterior=None)
-        for found in (subject.estimate, again)
+        replace(point, findings=_lasting(point), posterior=None)
+        for point in (subject.estimate, again)
     )
     first = _compare("estimate", before, after, name, relative=SOLVED)
     if not first.ok and method.tolerance > SOLVED:
@@ -373,13 +372,20 @@ def _iterated(subject: Result, again: Estimate, name: str) -> Check:
         return _compare("estimate", old, new, name, relative=relative, absolute=absolute)
 
     kinds, anew = ([type(f).__name__ for f in _lasting(e)] for e in (stored, again))
+    redraw = METHODS[subject.analysis.method].redraw
+    redrawn = tuple(
+        redraw(stored, k, segment.time, float(segment.time[-1]))
+        if redraw and not segment.blocks_missing
+        else curves
+        for k, (segment, curves) in enumerate(zip(subject.segments, stored.curves, strict=True))
+    )
     checks = [
         part(EVERYWHERE, SOLVED),
         _compare("estimate", kinds, anew, name),
         part(("parameters",), tolerance),
         part(("windows", "unconstrained", "loss"), CURVES),
         part(("curves",), tolerance, CURVES),
-        _compare("estimate", _drawn(subject), stored.curves, name, absolute=CURVES),
+        _compare("estimate", redrawn, stored.curves, name, absolute=CURVES),
         _compare(
             "estimate",
             _disturbances(stored),
@@ -393,21 +399,10 @@ def _iterated(subject: Result, again: Estimate, name: str) -> Check:
     return replace(next((c for c in checks if not c.ok), checks[0]), numbers=total)
 
 
-def _drawn(subject: Result) -> tuple[Trajectories, ...]:
-    """The curves of each window from the stored weights; as stored where there are none."""
-    redraw, found = METHODS[subject.analysis.method].redraw, subject.estimate
-    return tuple(
-        redraw(found, k, segment.time, float(segment.time[-1]))
-        if redraw and not segment.blocks_missing
-        else curves
-        for k, (segment, curves) in enumerate(zip(subject.segments, found.curves, strict=True))
-    )
-
-
 def _disturbances(estimate: Estimate) -> dict[str, FloatArray]:
-    """What the likelihood says of disturbances and noise; empty for a method without."""
-    of = (UNKNOWNS, "disturbance")
-    return {n: array for n, array in estimate.arrays.items() if n.rpartition(".")[2] in of}
+    """Disturbances and noise by the likelihood; empty for a method without one."""
+    names = (UNKNOWNS, "disturbance")
+    return {n: array for n, array in estimate.arrays.items() if n.rpartition(".")[2] in names}
 
 
 def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
@@ -429,19 +424,20 @@ def _posteriors(stored: Estimate, again: Estimate, name: str) -> Check:
     return Check("posterior", "reproduced", True, name, numbers=exact.numbers)
 
 
-def _ends(known: Posterior) -> FloatArray:
+def _ends(posterior: Posterior) -> FloatArray:
     """(2, ..) ends of all intervals that a posterior gives."""
-    every: list[tuple[FloatArray, FloatArray]] = [
-        *(interval_ends(part.everything, known.level) for part in (known.typical, known.further)),
-        (known.windows_lower.everything, known.windows_upper.everything),
-        (known.windows_gap[0], known.windows_gap[1]),
+    draws = posterior.typical, posterior.further
+    intervals: list[tuple[FloatArray, FloatArray]] = [
+        *(interval_ends(sets.everything, posterior.level) for sets in draws),
+        (posterior.windows_lower.everything, posterior.windows_upper.everything),
+        (posterior.windows_gap[0], posterior.windows_gap[1]),
     ]
-    return np.array([np.concatenate([np.ravel(pair[end]) for pair in every]) for end in (0, 1)])
+    return np.array([np.concatenate([np.ravel(pair[end]) for pair in intervals]) for end in (0, 1)])
 
 
-def _counts(known: Posterior) -> FloatArray:
-    """What it says of its draws, and of whether windows and followers differ."""
-    return np.array([*known.differ, *known.draws, known.followers_differ])
+def _counts(posterior: Posterior) -> FloatArray:
+    """Effective draws, and the probabilities that windows and followers differ."""
+    return np.array([*posterior.differ, *posterior.draws, posterior.followers_differ])
 
 
 def _compare(

@@ -71,7 +71,7 @@ Steps = Callable[[TaskContext], Iterator[Found]]
 
 
 class Status(Enum):
-    """Where a task stands."""
+    """State of a task."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -129,7 +129,7 @@ class Task(Generic[Found]):
         self.point: Estimate | None = None
         """The running estimation's point, once it is known; its intervals follow."""
         self.latest: Any = None
-        """How far work is that tells it in its own terms, with a ``share``; see `tasks.batches`."""
+        """Progress of work with a type of its own, which has a ``share``; see `tasks.batches`."""
 
     @property
     def is_active(self) -> bool:
@@ -200,7 +200,7 @@ class Task(Generic[Found]):
 
     @property
     def seconds(self) -> Seconds:
-        """How long it has run; 0 before it does."""
+        """Running time so far; 0 for a task that has not started."""
         return time.monotonic() - self._began if self._began is not None else 0.0
 
     def stop(self, reason: str = "") -> None:
@@ -252,7 +252,10 @@ class Task(Generic[Found]):
                 " program, not of your data; its log has the details. Try other settings.",
             )
         else:
-            is_complete = self._is_complete()
+            estimates = [r.estimate for r in self.results if isinstance(r, Result)]
+            is_complete = len(self.results) == len(self.names) and all(
+                estimate.outcome is not Outcome.STOPPED for estimate in estimates
+            )
             self._end(
                 Status.DONE if is_complete else Status.STOPPED, "" if is_complete else self._reason
             )
@@ -274,11 +277,6 @@ class Task(Generic[Found]):
         with self._lock:
             self.results = (*self.results, result)
             self.point = self._latest = None
-
-    def _is_complete(self) -> bool:
-        results = [result for result in self.results if isinstance(result, Result)]
-        is_stopped = any(result.estimate.outcome is Outcome.STOPPED for result in results)
-        return len(self.results) == len(self.names) and not is_stopped
 
     def _end(self, status: Status, error: str = "") -> None:
         self.error, self.status = error, status  # whoever sees that it failed can ask why
@@ -345,8 +343,7 @@ class TaskQueue:
         with self._lock:
             earlier = self.of(task.owner, task.kind)
             if earlier:
-                asked = earlier.analysis
-                is_same = analysis and asked and analysis.key == asked.key
+                is_same = analysis and earlier.analysis and analysis.key == earlier.analysis.key
                 if is_same and earlier.is_active and not earlier.is_stopping:
                     return earlier
                 earlier.stop()
@@ -354,24 +351,20 @@ class TaskQueue:
             forgotten = ended[:-KEPT_TASKS]
             self._tasks = [other for other in self._tasks if other not in forgotten]
             waiting = self._waiting()
-            own = (other.round for other in self._tasks
-                   if other.user == task.user and other.status is not Status.STOPPED)  # fmt: skip
-            task.round = 1 + max(self._round, *own, 0)
+            theirs = [other for other in self._tasks if other.user == task.user]
+            rounds = [other.round for other in theirs if other.status is not Status.STOPPED]
+            task.round = 1 + max(self._round, *rounds, 0)
             self._tasks.append(task)
             if task.is_active and len(waiting) >= LONGEST_QUEUE:
-                self._refuse_one(task, waiting)
+                # Room is made at the cost of who has most in the queue; else the task is refused.
+                counts, refused = Counter(other.user for other in waiting), task
+                user, most = counts.most_common(1)[0]
+                if most > counts[task.user] + 1:
+                    refused = next(other for other in reversed(waiting) if other.user == user)
+                refused.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
             self._changed.notify()
             self._asked.set()
         return task
-
-    def _refuse_one(self, task: Task[Any], waiting: Sequence[Task[Any]]) -> None:
-        """Make room for a task at the cost of who has most in the queue, or refuse it."""
-        counts = Counter(other.user for other in waiting)
-        user, most = counts.most_common(1)[0]
-        refused = task
-        if most > counts[task.user] + 1:
-            refused = next(other for other in reversed(waiting) if other.user == user)
-        refused.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
 
     def of(self, owner: str, kind: str = "training") -> Task[Any] | None:
         """The owner's latest task of that kind that is not forgotten."""
@@ -397,11 +390,15 @@ class TaskQueue:
             return tuple(takewhile(lambda other: other is not task, self.active()))
 
     def wait_for(self, task: Task[Any]) -> Seconds | None:
-        """Until a queued task starts at the latest; None where that is not known."""
+        """Longest wait until a queued task starts; None where that is not known."""
         times = [other.time_left for other in self.ahead_of(task)]
-        known = [seconds for seconds in times if seconds is not None]
         longest = self.limit or float("inf")
-        return sum(min(each, longest) for each in known) if len(known) == len(times) else None
+        total = 0.0
+        for seconds in times:
+            if seconds is None:
+                return None
+            total += min(seconds, longest)
+        return total
 
     def close(self) -> None:
         """Stop everything and end the worker."""
@@ -445,7 +442,9 @@ class TaskQueue:
     def _watch(self, task: Task[Any]) -> None:
         """End a task that runs for too long, and all tasks whose end the operator asks for."""
         while True:
-            stopped_at = _touched(self._stop_file)
+            stopped_at = 0.0
+            with suppress(OSError):  # there is no such file yet
+                stopped_at = self._stop_file.stat().st_mtime if self._stop_file else 0.0
             with self._lock:
                 tasks = [other for other in self._tasks if other.created <= stopped_at]
             for other in tasks:
@@ -457,13 +456,6 @@ class TaskQueue:
                 )
             if task.wait(WATCH):
                 return
-
-
-def _touched(path: Path | None) -> Seconds:
-    """When a file was changed last, as `time.time`; 0 where there is none."""
-    with suppress(OSError):
-        return path.stat().st_mtime if path else 0.0
-    return 0.0
 
 
 # What is asked
@@ -530,13 +522,13 @@ def comparison_task(
 
 
 def compared_seconds(segments: Segments) -> dict[str, Seconds]:
-    """How long each part of a comparison takes on two cores, to within a factor of two or so."""
-    known = {FORMS: FORMS_SECONDS * relative_size(segments[0])}
+    """Expected time of each part of a comparison on two cores, right within a factor of two."""
+    expected = {FORMS: FORMS_SECONDS * relative_size(segments[0])}
     for name in COMPARED:
         key, config = variant_of(name)
         seconds = METHODS[key].expected_seconds(segments, config)
-        known[name] = seconds * (WITH_BLOCKS if METHODS[key].duration else 1)
-    return known
+        expected[name] = seconds * (WITH_BLOCKS if METHODS[key].duration else 1)
+    return expected
 
 
 def judgement_task(
@@ -560,10 +552,10 @@ def verification_task(
 
     def steps(context: TaskContext) -> Iterator[Verification]:
         get_ready()
-        found = verify(snapshot, recording, refit_within=HOWEVER_LONG, context=context)
+        verification = verify(snapshot, recording, refit_within=HOWEVER_LONG, context=context)
         if not context.is_stopped:
-            library.keep_verification(snapshot, found)
-            yield found
+            library.keep_verification(snapshot, verification)
+            yield verification
 
     return Task(owner, "verification", steps)
 
@@ -573,8 +565,8 @@ class Part:
     """One training of a series."""
 
     name: str
-    asked: Callable[[], tuple[Analysis, Recording | None]]
-    """The question and its recording, which are not read before its turn comes."""
+    prepare: Callable[[], tuple[Analysis, Recording | None]]
+    """Gives the analysis and its recording, which are not read before its turn comes."""
     seconds: Seconds = 1.0
     """Typical time, relative to that of the others."""
     is_listed: bool = False
@@ -594,8 +586,8 @@ def series_task(
     def steps(context: TaskContext) -> Iterator[Result]:
         get_ready()
         for part in parts:
-            asked, recording = part.asked()
-            result = run(asked, recording, segments=segments, store=store, context=context)
+            analysis, recording = part.prepare()
+            result = run(analysis, recording, segments=segments, store=store, context=context)
             if context.is_stopped:
                 return
             if store and part.is_listed:
@@ -616,7 +608,7 @@ def starts_task(
 ) -> Task[Result]:
     """Trainings from five initial values; the arguments are those of `training_task`."""
     parts = [
-        Part(f"start {k} of {len(STARTS)}", partial(lambda asked: (asked, recording), asked))
-        for k, asked in enumerate(starts(analysis), 1)
+        Part(f"start {k} of {len(STARTS)}", partial(lambda start: (start, recording), start))
+        for k, start in enumerate(starts(analysis), 1)
     ]
     return series_task(owner, "series of starts", parts, store, segments)

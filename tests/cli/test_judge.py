@@ -19,10 +19,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.usefixtures("cache")
+@pytest.mark.usefixtures("cache", "registries")
 def test_a_users_model_stands_beside_others_in_one_command(tmp_path: Path, capsys: Capture) -> None:
     """The scores that the command keeps are those of Python, and the next call knows them."""
-    asked = ["judge", STUDY, "--model", GIPPS, "--models", "cthp", "--workers", 1]
+    asked = ["judge", STUDY, "--model", GIPPS, "--models", "cthp"]
     found = document(capsys, *asked, "--reference", "gipps", "--out", tmp_path / "out")
     assert [row["key"] for row in found["models"]] == ["cthp", "gipps"]
     best = found["models"][0]

@@ -44,7 +44,7 @@ from accpinn.results.report import render_report, tables_of
 from accpinn.results.reproduction import verification_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import Information, suggest_window
+from accpinn.segment.windows import Information, suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
 from accpinn.study.plan import listing_of

@@ -14,6 +14,7 @@ and move no parameter. Where samples are missing for long, the curves are those 
 smoother, as the network's loss needs all samples.
 """
 
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,10 @@ class CalibratedTraining(Training):
 
     def _estimate(self, solution: Solution, drawn: dict[str, Any]) -> Estimate:
         """The estimate with what was drawn, fields of an `Estimate`."""
+        maxima = self._at.maxima
+        total = sum(m.log_likelihood for m in maxima) if maxima else float(self._at.value.sum())
+        moves = np.any([moving(segment, self.case) for segment in self.segments], axis=0)
+        still = compress(self.segments[0].vehicles[1:], ~moves)  # in every window
         return Estimate.of(
             "pinn",
             self.segments,
@@ -169,20 +174,13 @@ class CalibratedTraining(Training):
             outcome=self.outcome or Outcome.STOPPED,
             settings=self.config.to_json(),
             iterations=self._iteration,
-            findings=self._weakly_determined(),
+            findings=[WeaklyDetermined(vehicle) for vehicle in still],
             **drawn
             | {
-                "loss": drawn.get("loss", {}) | {"log_likelihood": self._log_likelihood},
+                "loss": drawn.get("loss", {}) | {"log_likelihood": total},
                 "arrays": {UNKNOWNS: self._unknowns} | drawn.get("arrays", {}),
             },
         )
-
-    @property
-    def _log_likelihood(self) -> float:
-        maxima = self._at.maxima
-        if maxima:
-            return sum(maximum.log_likelihood for maximum in maxima)
-        return float(self._at.value.sum())
 
     def _drawn(self, solution: Solution, unknowns: FloatArray) -> dict[str, Any]:
         """Curves, losses and arrays of all windows, as fields of an `Estimate`."""
@@ -210,12 +208,6 @@ class CalibratedTraining(Training):
             return motion, None, {"disturbance": disturbance}, 0
         curves, loss, network = drawn(segment, solution, self.config)
         return curves, loss, network.arrays() | {"disturbance": disturbance}, network.size
-
-    def _weakly_determined(self) -> list[WeaklyDetermined]:
-        """One finding for each follower that moves in no window."""
-        moves = np.any([moving(segment, self.case) for segment in self.segments], axis=0)
-        vehicles = self.segments[0].vehicles[1:]
-        return [WeaklyDetermined(n) for n, moved in zip(vehicles, moves, strict=True) if not moved]
 
 
 def drawn(

@@ -39,18 +39,18 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
     Raises:
         ConfigError: where these are not the model's.
     """
-    own, named = config.initial.nonlinear, model.parameters
+    values, named = config.initial.nonlinear, model.parameters
     if model.is_linear:
         ends = np.array([(p.lower, p.upper) for p in named])
-        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
-    elif not own.size:
+        values = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
+    elif not values.size:
         return np.clip(np.zeros(len(named)), *bounds)
-    if len(own) != len(named) or any(
-        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
+    if len(values) != len(named) or any(
+        not p.lower <= value <= p.upper for p, value in zip(named, values, strict=True)
     ):
         allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
         raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
-    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
+    scores = np.array([p.score(value) for p, value in zip(named, values, strict=True)])
     return np.asarray(np.clip(scores, *bounds))
 
 

@@ -147,7 +147,12 @@ class PaperTraining(LossTraining):
         """Some iterations, or as many as are left of the present phase."""
         left = self.config.iterations - self._iteration
         if left > 0:
-            self._note("Adam", self._descend(min(self._chunk, left)))
+            for _ in range(min(self._chunk, left)):
+                terms = self._loss()
+                self._adam.step(terms.total, self.config.learning_rate)
+                self._clip()
+                self._iteration += 1
+            self._note("Adam", terms)  # of before the last step, as they come with its gradient
         else:
             self._refine(min(self._chunk, self.planned - self._iteration))
             self._note("L-BFGS")
@@ -156,15 +161,6 @@ class PaperTraining(LossTraining):
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
         self._look(phase, self._iteration, terms or self._loss(), self._now())
-
-    def _descend(self, iterations: int) -> LossTerms:
-        """Adam; the terms are those before the last step, as they come with its gradient."""
-        for _ in range(iterations):
-            terms = self._loss()
-            self._adam.step(terms.total, self.config.learning_rate)
-            self._clip()
-        self._iteration += iterations
-        return terms
 
     def _refine(self, iterations: int) -> None:
         """L-BFGS; after a checkpoint it begins its curvature anew."""

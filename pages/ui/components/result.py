@@ -38,7 +38,7 @@ from pages.ui.components import browser, frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
-from pages.ui.session.sessions import owner_mark
+from pages.ui.session.users import owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import title_of
 
@@ -145,7 +145,7 @@ def _show_next_drive(workspace: Workspace, result: Result, follower: int, page: 
 def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
     """Those that the recording of a result was made with, where it is open and synthetic."""
     is_open = result.recording is workspace.recording
-    is_same = is_open and result.info.vehicles == workspace.asked.vehicles
+    is_same = is_open and result.info.vehicles == workspace.selection.vehicles
     return workspace.true_parameters if is_same else None
 
 
@@ -200,7 +200,7 @@ def _choose_windows(workspace: Workspace) -> None:
     """Windows switched off and on; the next training takes those that are on."""
     if not (workspace.recording and workspace.several_windows):
         return
-    every = windows_in_car_following(workspace.recording, workspace.asked.vehicles)
+    every = windows_in_car_following(workspace.recording, workspace.selection.vehicles)
     names = {window.start: str(window) for window in every}
     starts = [window.start for window in workspace.several_windows]
 

@@ -37,7 +37,7 @@ def show_strip(
     page: str = "",
     choose: Callable[[int], None] | None = None,
 ) -> None:
-    """Draw the rows, and below them in one line what they rest on and what to do next.
+    """Draw the rows, and below them in one line their basis and the next step.
 
     Args:
         strip: the rows.

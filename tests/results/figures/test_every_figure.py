@@ -35,9 +35,10 @@ from accpinn.results.figures import training as on_training
 from accpinn.results.figures.style import on_paper
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.waves import Waves, waves
 from accpinn.study.groups import group
 from accpinn.study.result import Result
-from accpinn.study.vehicles import assessed_vehicles
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from tests.results.figures.test_training import history
 from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
@@ -52,6 +53,7 @@ RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0)
 WITHOUT_UNIT = {
     "Iteration",
     "Loss",
+    "Largest growth",
     "Minus its last value",
     "Gain",
     "Coherence",
@@ -101,6 +103,14 @@ def grouped() -> Any:
     return group(rows(row(NAME), row("B"), row("C", tau=None)), ("make",))
 
 
+@cache
+def waved() -> tuple[AssessedVehicles, Waves]:
+    """Two vehicles and the growth of waves by two IDMs."""
+    subject, speeds = assessed_vehicles(known()), np.full(2, 20.0)
+    theta = np.tile(IDM.typical, (2, 1))
+    return subject, waves(IDM, theta, speeds, subject.vehicles.labels, (2, 3))
+
+
 PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
@@ -127,6 +137,8 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "control.pole_map": lambda: control.pole_map(assessed_vehicles(known())),
     "control.step_responses": lambda: control.step_responses(assessed_vehicles(known())),
     "control.impulse_response": lambda: control.impulse_response(assessed_vehicles(known()), 0),
+    "control.growth_by_frequency": lambda: control.growth_by_frequency(*waved()),
+    "control.growth_by_size": lambda: control.growth_by_size(*waved()),
     "control.margin_forest": lambda: control.margin_forest(assessed_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
         assessed_vehicles(known()), "magnitude", 370
