@@ -30,6 +30,7 @@ COMMANDS = {
     "dataset": ("dataset", "parameters of all cars in many recordings, ready to be published"),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
+    "drive": ("vehicles", "the drive of the car ahead that would narrow intervals most"),
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
     "runs": ("files", "results of earlier runs, searched by words"),
