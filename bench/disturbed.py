@@ -71,6 +71,18 @@ def disturbed(
     """
     time = SIMULATION_STEP * np.arange(round(duration / SIMULATION_STEP) + 1)
     ahead = synthetic.leader_speed(driving, time, np.random.default_rng(seed))
+    return behind(ahead, parameters, seed, disturbance, noise)
+
+
+def behind(
+    ahead: FloatArray,
+    parameters: Iterable[Parameters],
+    seed: int,
+    disturbance: Disturbance,
+    noise: Noise | None = Noise(),  # noqa: B008 (see above)
+) -> Segment:
+    """A synthetic recording behind a leader's speed (N,) at every simulation step."""
+    time = SIMULATION_STEP * np.arange(len(ahead))
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
     for follower in parameters:
