@@ -35,7 +35,7 @@ from accpinn.recordings.synthetic import SIMULATION_STEP
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, interval_ends
 from bench.coverage import BETWEEN, EACH, MANY, SETS, covered, is_covered, simulated
-from bench.disturbed import Disturbance, behind, disturbed
+from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Measurement, measured, show
 from bench.population import LONGEST, windows_of
 from bench.prediction import SHORTEST, Windows, estimated, simulation
@@ -150,7 +150,8 @@ def twin(windows: Windows, disturbance: Disturbance) -> list[Segment]:
         time = window.time - window.time[0]
         fine = np.arange(0.0, time[-1] + SIMULATION_STEP / 2, SIMULATION_STEP)
         ahead = np.interp(fine, time, window.speeds[:, 0])
-        segments.append(behind(ahead, [Parameters(*near.values[0])], seed, disturbance))
+        parameters = [Parameters(*near.values[0])]
+        segments.append(disturbed(parameters, seed, disturbance, ahead, duration=fine[-1]))
     return segments
 
 
