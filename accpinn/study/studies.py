@@ -212,7 +212,13 @@ class Study:
             places = ", ".join("?" * len(values))
             database.execute(f"insert or replace into answers values ({places})", values)
             for vehicle, draws in zip(followers, drawn, strict=False):
-                posterior_row = (*place[:2], vehicle, place[-1], analysis.spec.model, draws.tobytes())
+                posterior_row = (
+                    *place[:2],
+                    vehicle,
+                    place[-1],
+                    analysis.spec.model,
+                    draws.tobytes(),
+                )
                 query = "insert or replace into posteriors values (?, ?, ?, ?, ?, ?)"
                 database.execute(query, posterior_row)
 
