@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -87,7 +86,7 @@ def run_judge(options: argparse.Namespace) -> int:
             folder=None if options.no_cache else folder_of("cache") / KEPT,
             workers=workers,
             scheduler=options.scheduler,
-            command=shlex.join(["accpinn", *sys.argv[1:]]),
+            command=options.command_line,
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )

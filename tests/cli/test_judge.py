@@ -33,6 +33,7 @@ def test_a_users_model_stands_beside_others_in_one_command(tmp_path: Path, capsy
     (recording,) = found["made_with"]["recordings"]
     assert recording["sha256"] == read(STUDY).sha256
     assert found["made_with"]["scripts"][0]["name"] == GIPPS.name
+    assert found["made_with"]["command"].startswith(f"accpinn judge {STUDY.name} --model gipps.py")
     (pair,) = found["pairs"]
     assert pair["difference"] == pytest.approx(-best["difference"])
 

@@ -442,6 +442,8 @@ HARMLESS = {
     "fit": ["--method", "least-squares", "--no-cache"],
     "starts": ["missing.csv"],
     "batch": ["missing.csv"],
+    "judge": ["missing.csv"],
+    "dataset": ["missing.csv"],
     "download": ["--list"],
 }
 """Put at the end, so that no example trains, starts workers or asks the network."""

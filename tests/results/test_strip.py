@@ -33,18 +33,14 @@ def strip(result: Result) -> Strip:
 @pytest.mark.parametrize("made", [trained, recommended, two_windows])
 def test_a_row_holds_what_the_estimate_says(made: Callable[[], Result]) -> None:
     result = made()
-    shown, report = strip(result), result.stability
+    shown, growths = strip(result), assessed_vehicles(result).growths
     assert [row.label for row in shown.rows] == [*result.info.labels[1:]]
     assert shown.speed == result.estimate.stated_speed
     for k, row in enumerate(shown.rows):
         assert row.time_gap.quantity == result.estimate.time_gap(shown.speed, k)
-        assert row.growth.quantity.value == report.vehicles[k].peak.gain
+        assert row.growth.quantity == growths[k].gain
         assert row.l2.is_point == row.linf.is_point == (result.posterior is None)
-        if known := result.uncertainty:
-            ends = (row.growth.quantity.lower, row.growth.quantity.upper)
-            assert ends == (known.peak_gain.lower[k], known.peak_gain.upper[k])
-        else:
-            assert math.isnan(row.growth.quantity.lower)
+        assert math.isnan(row.growth.quantity.lower) == (result.posterior is None)
 
 
 def of_shares(*shares: float) -> Strip:
