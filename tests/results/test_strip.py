@@ -62,6 +62,25 @@ def test_a_mark_is_sure_above_95_and_below_5_percent_of_the_draws() -> None:
     assert [row.l2.assessment for row in published.rows] == 4 * ["unstable"]
 
 
+def test_the_strip_says_how_much_time_gap_string_stability_lacks() -> None:
+    point = strip_of(AssessedVehicles(ASTAZERO))
+    margins = [
+        -vehicle.l2.distance.value for vehicle in AssessedVehicles(ASTAZERO).margins.vehicles
+    ]
+    most = int(np.argmax(margins))
+    assert point.lacking.startswith(f"{ASTAZERO.labels[most]} needs {max(margins):.2f} s more")
+    for row, margin in zip(point.rows, margins, strict=True):
+        assert f"{margin:.2f} s more" in row.l2.why
+    known = of_shares(0.0, 1.0)
+    assert "(" in known.lacking, "with the interval of the draws"
+    calm = AssessedVehicles(ParameterSet("calm", ("A",), Parameters.stack([CALM])))
+    assert strip_of(calm).lacking == ""
+    assert "to spare" in strip_of(calm).rows[0].l2.why
+    (margin,), (alone,) = calm.margins.vehicles, calm.l2_margins
+    assert alone.distance == margin.l2.distance
+    assert alone.state is margin.l2.state
+
+
 def test_trust_says_why_it_is_missing() -> None:
     result = recommended()
     missing, _ = missing_the_drive(result)
