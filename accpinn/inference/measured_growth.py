@@ -8,11 +8,10 @@ With Ĝ_k the measured gain of follower k (see `stability.measured_gain`), ε it
     ln |Ĝ_k/H_k|(ω_i) = δ_k(ω_i) + noise of deviation ε_i, correlated by ρ between neighbours
 
 as G(0) = H(0) = 1. So its mean is the measured ratio where the recording is coherent and 0, the
-model, where it is not, and its band says which. Along a platoon means add, and so do variances,
-with a correlation of `COMMON`, as models miss the same of all cars. Gains are measured pair by
-pair, each behind a car that moves on its own account as well, so that their product is known
-better than the gain from the leader to the last car. `ERROR` is about what models miss in windows
-left out (`bench.platoon`). ρ is (∫w² cos / ∫w²)² under the taper w.
+model, where it is not, and its band says which. Along a platoon means add, and variances, too.
+Gains are measured pair by pair, each behind a car that moves on its own account as well, so that
+their product is known better than the gain from the leader to the last car. `ERROR` is about what
+models miss in windows left out (`bench.platoon`). ρ is (∫w² cos / ∫w²)² under the taper w.
 
 The cars' models explain a platoon where their product agrees with its growth: it does not where
 both differ, by more than their bands together allow, at more than `DIFFERENT` of the frequencies.
@@ -41,8 +40,6 @@ BEND: RadiansPerSecond = 0.2
 """Frequency below which x is even in ω, and above which in ln ω."""
 NEIGHBOURS = 0.25
 """ρ, the correlation of the noise at neighbouring frequencies."""
-COMMON = 0.2
-"""Correlation of what is missed in two cars of a platoon."""
 ROUNDING = 1e-9
 """Least variance of a measurement."""
 SURE = 1 / 3
@@ -51,6 +48,8 @@ DIFFERENT = 1 / 3
 """Share of the frequencies beyond which cars and platoon differ; chance has a tenth."""
 COMPARED: tuple[RadiansPerSecond, RadiansPerSecond] = (0.06, 0.8)
 """Frequencies at which they are compared."""
+LEAST_MEASURED = 1 / 2
+"""Share of them that has to be measured."""
 SLOWEST: RadiansPerSecond = 0.03
 FASTEST: RadiansPerSecond = 1.0
 FREQUENCIES = 80
@@ -128,7 +127,7 @@ def growth_along(
         return None
     omega = np.geomspace(SLOWEST, FASTEST, FREQUENCIES)
     mean, variance = corrected_gains(pairs, parameters, omega)
-    whole, deviation = np.exp(mean.sum(axis=0)), np.sqrt(_of_sum(variance))
+    whole, deviation = np.exp(mean.sum(axis=0)), np.sqrt(variance.sum(axis=0))
     factor = np.exp(ndtri(0.5 + level / 2.0) * deviation)
     return Growth(
         omega=frozen(omega),
@@ -136,7 +135,7 @@ def growth_along(
         lower=frozen(whole / factor),
         upper=frozen(whole * factor),
         model=frozen(np.abs(response(parameters, omega)).prod(axis=0)),
-        is_measured=deviation < SURE * np.sqrt(_of_sum(np.full_like(variance, ERROR**2))),
+        is_measured=deviation < SURE * ERROR * np.sqrt(len(parameters)),
         level=level,
     )
 
@@ -145,12 +144,13 @@ def different(growth: Growth, uncertainty: Uncertainty, order: Sequence[int]) ->
     """The share of the frequencies at which a platoon's growth differs from its cars' models.
 
     The order is the place of each of its vehicles. It is nan where a vehicle is not determined, or
-    nothing was measured.
+    too little was measured.
     """
     low, high = COMPARED
-    used = growth.is_measured & (growth.omega >= low) & (growth.omega <= high)
+    inside = (growth.omega >= low) & (growth.omega <= high)
+    used = growth.is_measured & inside
     band = platoon_band(uncertainty, order, growth.omega[used])
-    if not used.any() or np.isnan(band.lower).any():
+    if used.sum() < LEAST_MEASURED * inside.sum() or np.isnan(band.lower).any():
         return np.nan
     widths = [
         np.log(growth.upper / growth.lower)[used],
@@ -196,12 +196,6 @@ def corrected_gains(
         mean[k] += across @ cho_solve(factor, ratio)
         variance[k] -= (across * cho_solve(factor, across.T).T).sum(axis=1)
     return mean, variance
-
-
-def _of_sum(variance: FloatArray) -> FloatArray:
-    """(K,) the variance of the sum over cars of values with variances (M, K)."""
-    apart = (1.0 - COMMON) * variance.sum(axis=0)
-    return np.asarray(apart + COMMON * np.sqrt(variance).sum(axis=0) ** 2)
 
 
 def _noise(measured: MeasuredGain) -> FloatArray:

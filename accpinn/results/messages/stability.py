@@ -65,7 +65,7 @@ def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     return (
-        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
+        "Diamonds: peaks. Rings: ends of amplification. Bars: limits of the"
         f" paper's L∞ criterion.{band}"
     )
 
@@ -499,8 +499,8 @@ def explained(subject: AssessedVehicles) -> str:
     if isnan(share):
         return ""
     if share > DIFFERENT:
-        return f"The cars' models do not explain the platoon ({percent(share)} outside the band)."
-    return f"The cars' models explain the platoon ({percent(1.0 - share)} within the band)."
+        return f"The models do not explain the platoon ({percent(share)} outside)."
+    return f"The models explain the platoon ({percent(1.0 - share)} inside)."
 
 
 def becomes(
