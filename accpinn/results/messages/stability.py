@@ -494,13 +494,16 @@ def largest(growth: PeakGrowth, level: float | None = None, has_frequency: bool 
 
 
 def explained(subject: AssessedVehicles) -> str:
-    """Whether the cars' models explain the measured platoon; empty where that is not known."""
+    """Whether the cars' models explain the measured platoon; empty where that is not known.
+
+    The share is that of the frequencies at which both agree within their bands.
+    """
     share = subject.platoon_difference
     if isnan(share):
         return ""
     if share > DIFFERENT:
-        return f"The models do not explain the platoon ({percent(share)} outside)."
-    return f"The models explain the platoon ({percent(1.0 - share)} inside)."
+        return f"The models do not explain the platoon: {percent(share)} of it lies outside their bands."
+    return f"The models explain the platoon: {percent(1.0 - share)} of it lies within their bands."
 
 
 def becomes(
