@@ -41,9 +41,10 @@ from accpinn.model.registry import BEST, simulate
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
+from accpinn.segment.windows import plan
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import MeasuredGain, head_to_tail_gain, measured_gain
-from accpinn.study.plan import files_of, plan
+from accpinn.study.plan import files_of
 from accpinn.units import FloatArray, RadiansPerSecond, Seconds
 from bench import prediction
 from bench.prediction import over_cars

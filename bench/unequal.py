@@ -9,6 +9,12 @@ delay, by the recommended method from all windows of a car.
 
 Measured are the shares of cars whose 90 % interval of the typical value covers q and k, and the
 median of the joint estimate, relative to the truth, with the quartiles: 1 without bias.
+
+With `--recorded FOLDER` the joint estimate of each recorded follower stands beside those of its
+symmetric twins: the CTHP with s₀ and the parameters that its closed-loop simulation has, behind the
+recorded vehicle ahead in the same windows, without limits and with the limits that the follower's
+own acceleration shows, its quantiles at `RARE` and 1 - `RARE`. What is unequal with the follower
+alone is no matter of the drive, nor of such limits.
 """
 
 import argparse
@@ -19,23 +25,28 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.cthp import Parameters, Term
 from accpinn.model.registry import value_of
 from accpinn.model.unequal_gains import UNEQUAL_GAINS
+from accpinn.recordings.synthetic import SIMULATION_STEP
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, interval_ends
 from bench.coverage import BETWEEN, EACH, MANY, SETS, covered, is_covered, simulated
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Measurement, measured, show
-from bench.prediction import estimated
+from bench.population import LONGEST, windows_of
+from bench.prediction import SHORTEST, Windows, estimated, simulation
 
 NAMES = "q", "k"
 LEAST, MOST = 0.7, 3.0
 """Ends of q of cars with unequal gains; k is half as far from 1 on a logarithmic scale."""
 APART = 0.15
 """Standard deviation of ln q and ln k between windows of a car with unequal gains."""
+RARE, FEW = 0.001, 4
+"""Share of the time in which a limit counts as reached, and least number of windows of a car."""
 STANDSTILL, DURATION = 6.0, 150.0
 """s₀ of all cars in m, and length of a window in s."""
 
@@ -71,8 +82,8 @@ KINDS = {
     "equal, lag of .8 s": _symmetric(lag=0.8),
     "equal, 2 % uphill": _symmetric(slope=-0.2),
     "equal, 2 % downhill": _symmetric(slope=0.2),
-    "equal, at most 1.2 m/s²": _symmetric(limits=(-np.inf, 1.2)),
     "equal, at most .8 m/s²": _symmetric(limits=(-np.inf, 0.8)),
+    "equal, at most .5 m/s²": _symmetric(limits=(-np.inf, 0.5)),
     "equal, -.8 to .8 m/s²": _symmetric(limits=(-0.8, 0.8)),
     "unequal, delay of .6 s, estimated": _estimated_late("delay", False, delay=0.6),
     "equal, delay of .6 s, estimated": _estimated_late("delay", True, delay=0.6),
@@ -131,13 +142,57 @@ def measure(cars: int, windows: int, kind: Kind) -> Iterator[Measurement]:
         yield Measurement(name=f"upper by lower end of {name}, median", value=width, unit="")
 
 
+def twin(windows: Windows, disturbance: Disturbance) -> list[Segment]:
+    """The windows of a follower, driven by its symmetric twin."""
+    near, segments = simulation(windows, "cthp-s0"), []
+    disturbance = replace(disturbance, standstill=float(near.s0[0]))
+    for seed, window in enumerate(windows):
+        time = window.time - window.time[0]
+        fine = np.arange(0.0, time[-1] + SIMULATION_STEP / 2, SIMULATION_STEP)
+        ahead = np.interp(fine, time, window.speeds[:, 0])
+        parameters = [Parameters(*near.values[0])]
+        segments.append(disturbed(parameters, seed, disturbance, ahead, duration=fine[-1]))
+    return segments
+
+
+def limits_of(windows: Windows) -> tuple[float, float]:
+    """The limits in m/s² that the follower's acceleration in means over 1 s shows."""
+    rates = []
+    for window in windows:
+        width = max(1, round(1.0 / window.sample_time))
+        smooth = uniform_filter1d(window.speeds[:, 1], width)
+        rates.append(np.gradient(smooth, window.sample_time))
+    low, high = np.quantile(np.concatenate(rates), (RARE, 1.0 - RARE)).tolist()
+    return low, high
+
+
+def print_twins(folder: str) -> None:
+    """Print q and k of each follower with `FEW` windows or more, and of its symmetric twins."""
+    model, calm = UNEQUAL_GAINS.key, Kind().disturbance
+    print("| follower | windows | q, k | twin's | limits [m/s²] | twin's with limits |")
+    for car, windows in windows_of(folder, LONGEST, SHORTEST).items():
+        if len(windows) < FEW:
+            continue
+        limits = limits_of(windows)
+        limited = replace(calm, limits=limits)
+        sets = (windows, twin(windows, calm), twin(windows, limited))
+        q_and_k = [_values(model, simulation(part, model)[0]) for part in sets]
+        cells = [f"{q:.2f}, {k:.2f}" for q, k in q_and_k]
+        cells.insert(2, f"{limits[0]:.1f}, {limits[1]:.1f}")
+        print(f"| {car[0]} {car[1]} | {len(windows)} |", " | ".join(cells), "|", flush=True)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Measure and print; the exit status is that of `bench.coverage`."""
     parser = argparse.ArgumentParser(prog="python -m bench.unequal", description=__doc__)
     parser.add_argument("--cars", type=int, default=100, help="of each kind (100)")
     parser.add_argument("--windows", type=int, default=4, help="of each car (4)")
     parser.add_argument("--kinds", nargs="*", choices=[*KINDS], default=[*KINDS])
+    parser.add_argument("--recorded", metavar="FOLDER", help="followers beside symmetric twins")
     given = parser.parse_args(arguments)
+    if given.recorded:
+        print_twins(given.recorded)
+        return 0
     return show(
         {
             f"{given.cars} cars of {given.windows} windows, {name}": measured(

@@ -2,9 +2,8 @@
 
 import argparse
 import os
-import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -77,7 +76,7 @@ def run_judge(options: argparse.Namespace) -> int:
         raise ConfigError(
             f"reference: {options.reference[:40]} is not judged; choose {', '.join(keys)}."
         )
-    workers = None if options.scheduler else options.workers or os.cpu_count() or 1
+    workers = None if options.scheduler else options.workers or _workers(options.sources)
     with interruptible() as stopped, _progress_bar() as show_progress:
         judgements = judge_recordings(
             options.sources,
@@ -87,7 +86,7 @@ def run_judge(options: argparse.Namespace) -> int:
             folder=None if options.no_cache else folder_of("cache") / KEPT,
             workers=workers,
             scheduler=options.scheduler,
-            command=shlex.join(["accpinn", *sys.argv[1:]]),
+            command=options.command_line,
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )
@@ -101,6 +100,12 @@ def run_judge(options: argparse.Namespace) -> int:
     else:
         show(_text(judgements, options.reference))
     return 0 if judgements.is_whole else 130
+
+
+def _workers(sources: Sequence[str]) -> int | None:
+    """As many processes as processors; of one file none, as they would take longer to start."""
+    is_one = len(sources) == 1 and Path(sources[0]).is_file()
+    return None if is_one else os.cpu_count() or 1
 
 
 @contextmanager

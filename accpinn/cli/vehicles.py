@@ -1,6 +1,7 @@
-"""`stability` and `simulate`: how vehicles with given parameters amplify disturbances."""
+"""`stability`, `simulate`, `drive`: how vehicles amplify disturbances, and what tells more."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
@@ -13,9 +14,10 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon import order_of, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.cast import Cast
-from accpinn.results.documents import check_document
+from accpinn.results.documents import check_document, drive_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import assumption, contradictions
+from accpinn.results.messages.next_drive import ABOUT_DRIVE, drive_in_words
 from accpinn.results.messages.platoon import (
     disturbance,
     growth_of,
@@ -31,6 +33,7 @@ from accpinn.results.messages.stability import (
     reasons,
     waves_in_words,
 )
+from accpinn.results.tables.next_drive import drive_table
 from accpinn.results.tables.stability import (
     amplitude_table,
     known_table,
@@ -40,6 +43,7 @@ from accpinn.results.tables.stability import (
 from accpinn.stability import VehicleStability, Verdict
 from accpinn.stability.margin import VehicleMargin
 from accpinn.stability.waves import PARTS, LargestGrowth
+from accpinn.study.next_drive import LIMITS, next_drive
 from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
@@ -71,6 +75,19 @@ SIMULATE_OPTIONS = (
       )),
 )  # fmt: skip
 """The defaults are the paper's simulation."""
+DRIVE_OPTIONS = (
+    option("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip) of an estimate of a CTHP"),
+    option("--vehicle", type=int, metavar="N", help="a follower (the first that is determined)"),
+    *(option(f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})")
+      for name, default, meaning in (
+          ("duration", 120.0, "of the drive in s"),
+          ("slowest", 15.0, "least speed of the car ahead in m/s"),
+          ("fastest", 33.0, "its largest speed in m/s"),
+          ("acceleration", 2.0, "its largest acceleration and braking in m/s²"),
+      )),
+    option("--out", metavar="CSV", help="write the drive as a table of time and speed"),
+    JSON,
+)  # fmt: skip
 
 
 def _chosen(options: argparse.Namespace) -> AssessedVehicles:
@@ -262,4 +279,22 @@ def run_simulate(options: argparse.Namespace) -> int:
         return "\n".join([amplitude_table(result, labels).to_text(), "", *sentences, *notes])
 
     show_result(options, document, text)
+    return 0
+
+
+def run_drive(options: argparse.Namespace) -> int:
+    """Propose the drive of the car ahead that narrows a follower's intervals most."""
+    from accpinn.study.snapshot import load, writable_path, write_file
+
+    place = None if options.out is None else writable_path(Path(options.out), "drive")
+    limits = {name: getattr(options, name) for name in LIMITS}
+    proposed = next_drive(load(options.file), vehicle=options.vehicle, **limits)
+    if place:
+        write_file(proposed.to_csv().encode(), place, "drive")
+
+    def text() -> str:
+        table = drive_table(proposed)
+        return "\n".join([drive_in_words(proposed), "", table.to_text(), ABOUT_DRIVE])
+
+    show_result(options, lambda: drive_document(proposed), text)
     return 0

@@ -30,7 +30,7 @@ from accpinn.segment.quality import (
     Rating,
     Regimes,
 )
-from accpinn.segment.suggestion import Suggestion
+from accpinn.segment.windows import Suggestion
 from accpinn.study.vehicles import by_hand, where
 
 GRADED: Mapping[Question, Sequence[str]] = {

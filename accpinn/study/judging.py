@@ -35,6 +35,7 @@ from accpinn.recordings import Facts, Recording, Window, facts_of, unnamed
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment.cut import chains
+from accpinn.segment.windows import sound_windows
 from accpinn.serial import dump, restore
 from accpinn.storage import reported, write_whole
 from accpinn.study.cluster import connected, run_all, sentence_of
@@ -53,7 +54,7 @@ from accpinn.study.judge import (
     subjects_of,
     wins,
 )
-from accpinn.study.plan import Sources, listing_of, sound_windows
+from accpinn.study.plan import Sources, listing_of
 from accpinn.study.result import Origin, now, origin
 from accpinn.study.scripts import Script
 from accpinn.study.studies import Failure

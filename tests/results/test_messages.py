@@ -35,7 +35,7 @@ from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.estimate import Check, checks
 from accpinn.results.messages.stability import headline, platoon_reasons, reasons
 from accpinn.results.recording import driver_summary, suggestion_reasons
-from accpinn.segment.suggestion import Suggestion
+from accpinn.segment.windows import Suggestion
 from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group

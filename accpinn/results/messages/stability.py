@@ -113,7 +113,7 @@ def most_needed(subject: AssessedVehicles) -> str:
 
 
 def next_to_stable(subject: AssessedVehicles) -> str:
-    """How much more time gap the vehicle needs that lacks most, in a few words.
+    """How much more time gap the vehicle needs that lacks most, in a sentence.
 
     Empty where none is L₂ unstable, or no time gap makes it stable.
     """
@@ -126,7 +126,8 @@ def next_to_stable(subject: AssessedVehicles) -> str:
         return ""
     most = min(lacking, key=lambda k: lacking[k].distance.value)
     who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
-    return f"{who}needs {_gap(lacking[most].distance, -1, 'more')} to be string stable"
+    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more time gap')} to be string stable."
+    return capital(said)
 
 
 def margin_in_words(margin: NormMargin) -> str:

@@ -187,7 +187,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "snapshot": snapshot,
         "description": description,
         "strip": Markup(strip_html(strip)),
-        "strip_about": " · ".join(strip.about),
+        "strip_about": " · ".join(filter(None, (*strip.about, strip.lacking))),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
         "legend": LEGEND,
         "words": words,

@@ -51,6 +51,8 @@ def show_strip(
         st.html(STYLE + strip_html(strip))
         if choose and is_clickable:
             _listen(f"{page}_strip", choose)
+        if strip.lacking:
+            st.caption(escape_markdown(strip.lacking))
         with st.container(horizontal=True, vertical_alignment="center"):
             st.caption(" · ".join(map(escape_markdown, strip.about)), width="stretch")
             if details:

@@ -24,7 +24,7 @@ from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
 from accpinn.segment.quality import Grade, Rating, Regimes
-from accpinn.segment.suggestion import Information, suggest_window
+from accpinn.segment.windows import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import bound, escape_markdown, segments, select, tabs

@@ -16,8 +16,9 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
-from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut, first_window
+from accpinn.segment.cut import MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
+from accpinn.segment.windows import complete_windows, first_window
 from pages.ui.components import show
 from pages.ui.components.show import bound, select
 from pages.ui.session.resources import segment_of, windows_in_car_following

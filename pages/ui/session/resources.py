@@ -20,11 +20,11 @@ from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import Information
+from accpinn.segment.windows import Information, car_following
 from accpinn.storage import folder, is_text, printable, shipped, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
-from accpinn.study.plan import ENDINGS, car_following
+from accpinn.study.plan import ENDINGS
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store

@@ -16,7 +16,8 @@ from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment, SegmentInfo
-from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
+from accpinn.segment.cut import DURATION, default_vehicles
+from accpinn.segment.windows import complete_windows, first_window
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
 from accpinn.study.dropped import Dropped

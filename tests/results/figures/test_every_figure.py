@@ -18,6 +18,7 @@ import pytest
 from plotly.io import to_json
 from plotly.utils import PlotlyJSONEncoder
 
+import accpinn
 from accpinn.evaluation.residuals import residual_correlations
 from accpinn.methods import recursive
 from accpinn.model.published import ASTAZERO
@@ -27,7 +28,7 @@ from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
 from accpinn.results.cast import Cast
-from accpinn.results.figures import comparison, control, database, laboratory, platoon
+from accpinn.results.figures import comparison, control, database, laboratory, next_drive, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -88,6 +89,10 @@ def simulated(collides: bool) -> Any:
     return simulate_platoon(ASTAZERO.parameters[[0] * 8], leader), Cast(named, (0,) * 8)
 
 
+def proposed() -> Any:
+    return accpinn.next_drive(known(), duration=40.0)
+
+
 def judged() -> Any:
     errors = {"rmse": np.array([1.0, 2.0]), "typical_rmse": 1.4}
     score = SimpleNamespace(model=FOLLOWING["idm"], key="idm", theta=None, **errors)
@@ -141,6 +146,8 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(assessed_vehicles(known()), 370),
     "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
+    "next_drive.drive_speed": lambda: next_drive.drive_speed(proposed()),
+    "next_drive.drive_narrowing": lambda: next_drive.drive_narrowing(proposed()),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
     "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),
