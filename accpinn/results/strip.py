@@ -192,8 +192,8 @@ def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     l2 = subject.assessed[place].l2
     if l2.assessment == "not determined":
         return Estimated(l2.gain, NOT_DETERMINED)
-    label = subject.vehicles.labels[place]
-    return Estimated(l2.gain, becomes(subject, [place], label, is_headline=True))
+    why = becomes(subject, [place], subject.vehicles.labels[place], is_headline=True)
+    return Estimated(subject.growths[place].gain, why)
 
 
 def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:

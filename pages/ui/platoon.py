@@ -29,7 +29,6 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.vehicles import AssessedVehicles
-from accpinn.units import Quantity
 from pages.ui.components import browser, frame, show
 from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
@@ -97,7 +96,7 @@ def show_page(workspace: Workspace) -> None:
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
     with row:
         view = _choose_view(workspace, run, recorded)
-    _show_run(run, cast, words.growth_of(source, cast, run))
+    _show_run(run, cast, source)
     _show_charts(run, cast, view, themselves)
     _show_strip(workspace, source, run, cast, recorded)
     tabs(workspace, "platoon", {
@@ -126,9 +125,13 @@ def open_eight(workspace: Workspace, vehicles: ParameterSet, which: int, omega: 
     })  # fmt: skip
 
 
-def _show_run(run: PlatoonRun, cast: Cast, growth: Quantity | None) -> None:
+def _show_run(run: PlatoonRun, cast: Cast, source: AssessedVehicles) -> None:
     """The disturbance's growth in a sentence, and further findings."""
-    sentence = words.disturbance(run, cast, growth).replace(" %", "\N{NO-BREAK SPACE}%")
+    parts = (
+        words.disturbance(run, cast, words.growth_of(source, cast, run)),
+        words.measured_growth(source, cast, run),
+    )
+    sentence = " ".join(filter(None, parts)).replace(" %", "\N{NO-BREAK SPACE}%")
     st.markdown(f"**{escape_markdown(sentence)}**")
     # The line above names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]

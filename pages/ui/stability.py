@@ -129,7 +129,8 @@ def _show_bode_notes(source: AssessedVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points: measured gain and band, faint where not compared." * bool(measured),
+        + " Points: measured gain and band, faint where not compared." * bool(measured)
+        + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )
 
@@ -316,7 +317,8 @@ def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
             workspace, labels, "stability_measured",
             help="The vehicle whose recorded speed is compared with that of the car ahead.",
         )  # fmt: skip
-    gain = measured_gain(windows, follower)
+    model_of = result.parameters[[follower]] if result else None
+    gain = measured_gain(windows, follower, reference=model_of)
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
     key, which = [(f"{labels[follower]}, measured", LEADER)], min(follower, len(chosen) - 1)
     # Vehicles of another source stand for those of the recording, in their order.
@@ -338,8 +340,9 @@ def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
         f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
         " Open: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the model with these parameters does not describe how this vehicle passes on"
-        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
-        " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
+        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is,"
+        " but where the model resolves it; above 0.3 rad/s, where vehicles pass on little, the"
+        " vehicle's own disturbances make the"
         f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
     )
     show.downloads(

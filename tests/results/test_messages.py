@@ -344,6 +344,17 @@ def test_facts_of_the_data_are_terms_and_descriptions() -> None:
     assert [*map(on_result.setting, ([1.0, 0.5], "fast"))] == ["1, 0.5", "fast"]
 
 
+def test_what_parameters_mean_is_said_with_their_intervals_where_the_model_has_words() -> None:
+    span = Quantity(2.0, 1.55, 11.2)
+    values = {p.name: SimpleNamespace(span=span) for p in FOLLOWING["unequal-delay"].parameters}
+    of_car: Any = SimpleNamespace(known=(None, values))
+    said = on_estimate.meaning_of("unequal-delay", of_car)
+    assert "2.0 (1.6 to 11) times" in said
+    assert not on_estimate.meaning_of("cthp", of_car)
+    values["q"].span = Quantity(math.nan, math.nan, math.nan)
+    assert not on_estimate.meaning_of("unequal-delay", of_car)
+
+
 @pytest.mark.parametrize("model", FOLLOWING)
 def test_an_equation_has_every_parameter_of_its_model_and_no_other(model: str) -> None:
     said, terms = " ".join(on_result.equation(model)), FOLLOWING[model].terms

@@ -99,14 +99,21 @@ def test_a_result_has_the_same_numbers_wherever_they_are_shown(
         ]
         growths = {
             "Python": [peak, *ends],
-            "strip": [*astuple(strip[at].growth.quantity)],
-            "list": [*astuple(entry.growths[at])],
             "table": [10 ** (value / 20) for value in decibels],
             "command": command,
         }
         if drawn:
             growths["document"] = [peak, *fitted["intervals"][k]["peak_gain"]]
         assert_same(growths)
+        growth = by_command[k]["growth"]
+        assert_same(
+            {
+                "Python": [*astuple(subject.growths[k].gain)],
+                "strip": [*astuple(strip[at].growth.quantity)],
+                "list": [*astuple(entry.growths[at])],
+                "command": [growth["gain"], *(growth["interval"] or (nan, nan))],
+            }
+        )
 
         share = float(drawn.probability_l2[k] if drawn else vehicle.l2.stable)
         shares = {"Python": share, "batch": float(rows[k]["l2_stable"])}

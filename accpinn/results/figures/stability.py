@@ -74,6 +74,7 @@ LOWEST = -60.0
 """dB that stands for a gain of zero."""
 WHOLE, WHOLE_NAME = -1, "All cars in order"
 """The platoon in place of one vehicle's index, and the name of its curve."""
+PLATOON_MEASURED = "All cars in order, measured"
 
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
@@ -102,13 +103,14 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     determined. Measured gains are points with bars. The height is in pixels.
     """
     vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
-    measured = measured_of(subject)
+    measured, platoon = measured_of(subject), _measured_platoon(subject)
     omega, paints = frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
     tops = [*(vehicle.peak.db for vehicle in report.vehicles), report.platoon.peaks[-1].db, 1.0]
     tops += [float(decibels(g.upper[compared(g)]).max(initial=1.0)) for _, _, g in measured]
     tops += [float(upper.max()) for _, upper in bands.values()]
+    tops += [float(platoon[1:].max())] if platoon.size else []
     top = min(max(tops) * 1.12 + 0.4, CEILING)
     chart = style.Chart("bode", height, hoverdistance=200, clickmode="event+select")
     chart.area("y", 0, top, L2_UNSTABLE)
@@ -121,6 +123,13 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
         _draw_measured(chart, label, colour, gain, top)
     for k, (label, colour) in enumerate(zip(vehicles.labels, paints, strict=True)):
         draw_clickable(chart, omega, decibels(gains[k]), k, label, colour)
+    if platoon.size:
+        at, lower, upper, level = platoon
+        chart.band(at, lower, upper, style.LEADER, BAND_OPACITY, "band of the measured platoon")
+        chart.line(
+            at, level, PLATOON_MEASURED, style.LEADER, 2.2,
+            hover=f"{AT}<extra>{PLATOON_MEASURED}</extra>", showlegend=False,
+        )  # fmt: skip
     if len(vehicles) > 1:
         whole = gains.prod(axis=0)
         draw_clickable(chart, omega, decibels(whole), WHOLE, WHOLE_NAME, style.LEADER)
@@ -129,6 +138,17 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     chart.axis("x", AXIS_OF_FREQUENCY, type="log", range=ends, **TICKS)
     chart.axis("y", f"{MAGNITUDE.name} {MAGNITUDE.heading}", range=[FLOOR - FOOT, top])
     return chart.figure()
+
+
+def _measured_platoon(subject: AssessedVehicles) -> FloatArray:
+    """(4, K) ω, and in dB both ends and the middle of the measured platoon's band; else empty."""
+    many = len(subject.vehicles) > 1
+    growth = subject.measured_growth(range(len(subject.vehicles))) if many else None
+    if growth is None:
+        return np.empty((4, 0))
+    used = growth.is_measured & (growth.omega >= SPAN[0]) & (growth.omega <= SPAN[1])
+    ends = growth.lower[used], growth.upper[used], growth.gain[used]
+    return np.vstack([growth.omega[used], np.clip(decibels(np.array(ends)), FLOOR - FOOT, None)])
 
 
 def _draw_measured(
