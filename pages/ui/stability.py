@@ -198,7 +198,7 @@ def _show_criteria(source: AssessedVehicles) -> None:
     st.caption(words.CRITERIA)
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(source), "stability_criteria")
-    table = tables.known_table(source)
+    table = tables.assessment_table(source)
     show.table(tables.criteria_part(table), figures.colours(chosen))
     posterior = (
         " In brackets: intervals from posterior samples of a model with disturbances that last for"
