@@ -65,8 +65,7 @@ def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     return (
-        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
-        f" paper's L∞ criterion.{band}"
+        f"Diamonds: peaks. Rings: ends of amplified frequencies. Bars: the paper's L∞ limits.{band}"
     )
 
 
