@@ -64,10 +64,8 @@ FOLD, LEAST_GROWTH = 2.0, 0.005
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return (
-        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
-        f" paper's L∞ criterion.{band}"
-    )
+    marks = "Diamonds: peaks. Rings: ends of amplified frequencies. Bars: the paper's L∞ limits."
+    return f"{marks}{band}"
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
