@@ -273,8 +273,9 @@ def test_workers_judge_models_and_methods_of_a_script(
     by_method = found[0].scores[3]
     assert by_method.model.key == "cthp"
     assert np.isfinite(by_method.theta).all()
-    with pytest.raises(ConfigError, match="mine is registered in this process alone"):
-        judge_recordings(file, ("mine",), workers=1)
+    for key in ("mine", "mine-lag", "my-way"):
+        with pytest.raises(ConfigError, match=f"{key} is registered in this process alone"):
+            judge_recordings(file, (key,), workers=1)
 
 
 def test_a_method_is_judged_by_its_estimate_from_the_other_windows(recordings: Path) -> None:
