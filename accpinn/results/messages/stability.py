@@ -500,9 +500,8 @@ def explained(subject: AssessedVehicles) -> str:
     share = subject.platoon_difference
     if isnan(share):
         return ""
-    if share > DIFFERENT:
-        return f"The models do not explain the platoon: {percent(share)} of it lies outside their bands."
-    return f"The models explain the platoon: {percent(1.0 - share)} of it lies within their bands."
+    verb = "do not explain" if share > DIFFERENT else "explain"
+    return f"The models {verb} the platoon (within bands: {percent(1.0 - share)})."
 
 
 def becomes(
