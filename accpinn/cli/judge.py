@@ -4,12 +4,7 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-from tqdm import tqdm
 
 from accpinn.cli.options import ALL, DASK, VARIANTS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show
@@ -19,6 +14,7 @@ from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted
 from accpinn.results.messages.summary import which_model
+from accpinn.results.progress import share_bar
 from accpinn.results.publication import (
     FORMATS,
     judgements_document,
@@ -78,7 +74,13 @@ def run_judge(options: argparse.Namespace) -> int:
             f"reference: {options.reference[:40]} is not judged; choose {', '.join(keys)}."
         )
     workers = None if options.scheduler else options.workers or os.cpu_count() or 1
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, share_bar() as show_share:
+
+        def show_progress(now: JudgeProgress) -> None:
+            parts = [f"{now.done:.1f}/{now.files} files", f"{now.followers} followers"]
+            parts.append(f"{now.finished} fits" + f", {now.kept} known before" * (now.kept > 0))
+            show_share(now.done / max(1, now.files), ", ".join(parts))
+
         judgements = judge_recordings(
             options.sources,
             keys,
@@ -101,21 +103,6 @@ def run_judge(options: argparse.Namespace) -> int:
     else:
         show(_text(judgements, options.reference))
     return 0 if judgements.is_whole else 130
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Any]:
-    """A bar on standard error: files, followers and models judged."""
-    form = "{l_bar}{bar}|{postfix}"
-    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
-
-        def show_progress(now: JudgeProgress) -> None:
-            bar.n = now.done / max(1, now.files)
-            parts = [f"{now.done:.1f}/{now.files} files", f"{now.followers} followers"]
-            parts.append(f"{now.finished} fits" + f", {now.kept} known before" * (now.kept > 0))
-            bar.set_postfix_str(", ".join(parts), refresh=True)
-
-        yield show_progress
 
 
 def _text(judgements: Judgements, reference: str | None) -> str:
