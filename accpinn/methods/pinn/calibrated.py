@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Estimate, Outcome, Progress, WeaklyDetermined, for_window
+from accpinn.methods.estimate import Estimate, Outcome, Progress, for_window
+from accpinn.methods.findings import WeaklyDetermined
 from accpinn.methods.forecast import PARAMETERS
 from accpinn.methods.joint_likelihood import UNKNOWNS, Rise, rising, smoothed, without_bounds
 from accpinn.methods.likelihood import log_errors, natural, vanishing

@@ -22,7 +22,8 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Checkpoint, Estimate, HoldoutLoss, for_window, of_window
+from accpinn.methods.estimate import Checkpoint, Estimate, for_window, of_window
+from accpinn.methods.findings import HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.initial import initial_scores, values_of
 from accpinn.methods.pinn.loss import (
