@@ -76,6 +76,10 @@ samples: $(VENV)/app.stamp  ## write the recordings of sample_data again from th
 study: $(VENV)/app.stamp  ## compute the supplied study again; RECORDINGS="FOLDER .." of OpenACC
 	@OMP_NUM_THREADS=1 $(BIN)/python -m accpinn.study.supplied $(RECORDINGS) sample_data/openacc_study
 
+.PHONY: dataset
+dataset: $(VENV)/app.stamp  ## parameters of all cars, ready to be published; RECORDINGS="FOLDER .." OUT=FOLDER
+	@OMP_NUM_THREADS=1 $(BIN)/accpinn dataset $(RECORDINGS) --out $(OUT)
+
 .PHONY: screenshots
 screenshots: $(VENV)/dev.stamp  ## picture every page, in tests/browser/shots (needs Chromium)
 	@$(BIN)/python -m tests.browser.screenshots $(ARGS)

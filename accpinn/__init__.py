@@ -35,7 +35,7 @@ The public interface, in the order data flows:
     stability_report, StabilityReport L₂ and L∞ string stability
     Margins                           how much the time gap exceeds the smallest stable one
     Waves                             growth of braking and accelerating waves, by their size
-    WhatIf                            another time gap or delay, the acceleration ahead fed forward
+    what_if, WhatIf                   another time gap or delay, the acceleration ahead fed forward
     measured_gain, MeasuredGain       gain of a vehicle, from its recording by Welch's method
     transfer_function                 a vehicle as an object of python-control
     simulate_platoon, PlatoonRun      a platoon behind a leader, exact at every sample
@@ -43,6 +43,7 @@ The public interface, in the order data flows:
     Recorded
     Uncertainty                       intervals and probabilities that follow from a posterior
     gap_band                          bands of the space-gaps that the posterior predicts
+    next_drive, NextDrive             the drive of the car ahead that would tell most
     model_forms                       the CTHP beside further forms of the model
     Judgements                        how models describe windows that they have not seen
     starts, spread_of                 other initial values, and how far apart they end

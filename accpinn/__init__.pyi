@@ -75,6 +75,7 @@ from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
 from .stability.waves import Waves as Waves
 from .stability.what_if import WhatIf as WhatIf
+from .stability.what_if import what_if as what_if
 from .study import Analysis as Analysis
 from .study.batch import batch as batch
 from .study.comparison import spread_of as spread_of
@@ -83,6 +84,8 @@ from .study.groups import Groups as Groups
 from .study.groups import group as group
 from .study.groups import read_study as read_study
 from .study.judging import Judgements as Judgements
+from .study.next_drive import NextDrive as NextDrive
+from .study.next_drive import next_drive as next_drive
 from .study.result import Result as Result
 from .study.run import run as run
 from .study.snapshot import load as load

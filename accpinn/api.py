@@ -30,11 +30,11 @@ from accpinn.recordings.files import read
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, parse_windows
+from accpinn.segment.windows import AUTO, car_following
 from accpinn.storage import shipped
 from accpinn.study import Analysis, comparison, single_window, snapshot, vehicles_of, verification
 from accpinn.study.judge import candidate
 from accpinn.study.judging import Judgements, judge_recordings
-from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import analysis_of, run
 from accpinn.study.scripts import ENDING, Script
@@ -212,7 +212,11 @@ def _windows(
     recording: Recording, windows: Windows, vehicles: str | Sequence[int] | None
 ) -> Sequence[Window]:
     if isinstance(windows, str):
-        return car_following(recording, vehicles) if windows == AUTO else parse_windows(windows)
+        return (
+            car_following(recording, vehicles_of(recording, vehicles))
+            if windows == AUTO
+            else parse_windows(windows)
+        )
     try:
         ends = [(w.start, w.end) if isinstance(w, Window) else w for w in windows]
         chosen = [Window(float(first), float(last)) for first, last in ends]

@@ -55,7 +55,7 @@ def disturbed(
     parameters: Iterable[Parameters],
     seed: int,
     disturbance: Disturbance,
-    driving: LeaderProfile = MOTORWAY,
+    driving: LeaderProfile | FloatArray = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
 ) -> Segment:
@@ -65,12 +65,14 @@ def disturbed(
         parameters: one entry a follower, as `Parameters` of M vehicles are.
         seed: seed of the leader, the disturbances and the noise.
         disturbance: how all followers depart from the model.
-        driving: how the leader drives.
+        driving: how the leader drives, or its speed (N,) at every `SIMULATION_STEP`.
         duration: length in s.
         noise: errors of the receivers; None for none.
     """
     time = SIMULATION_STEP * np.arange(round(duration / SIMULATION_STEP) + 1)
-    ahead = synthetic.leader_speed(driving, time, np.random.default_rng(seed))
+    ahead = driving if isinstance(driving, np.ndarray) else (
+        synthetic.leader_speed(driving, time, np.random.default_rng(seed))
+    )  # fmt: skip
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
     for follower in parameters:

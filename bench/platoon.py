@@ -41,9 +41,10 @@ from accpinn.model.registry import BEST, simulate
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
+from accpinn.segment.windows import plan
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import MeasuredGain, head_to_tail_gain, measured_gain
-from accpinn.study.plan import files_of, plan
+from accpinn.study.plan import files_of
 from accpinn.units import FloatArray, RadiansPerSecond, Seconds
 from bench import prediction
 from bench.prediction import over_cars
@@ -92,6 +93,12 @@ def of_followers(window: Segment, first: int, last: int) -> Segment:
     )
 
 
+def pairs_of(windows: Windows) -> list[Windows]:
+    """(M,) the windows of each follower behind the recorded vehicle ahead."""
+    count = windows[0].followers
+    return [tuple(of_followers(window, k, k) for window in windows) for k in range(count)]
+
+
 @cache
 def car(windows: Windows, model: str, estimator: str) -> Parameters:
     """(1,) the parameters of a follower from its windows."""
@@ -100,10 +107,7 @@ def car(windows: Windows, model: str, estimator: str) -> Parameters:
 
 def cars(windows: Windows, model: str = BEST, estimator: str = "joint") -> Parameters:
     """(M,) the parameters of each follower."""
-    sets = [
-        car(tuple(window.pair(k) for window in windows), model, estimator)
-        for k in range(windows[0].followers)
-    ]
+    sets = [car(pair, model, estimator) for pair in pairs_of(windows)]
     return Parameters.of(np.concatenate([part.everything for part in sets]))
 
 
@@ -140,18 +144,21 @@ def at(measured: MeasuredGain, omega: FloatArray, model: Parameters) -> FloatArr
     return np.asarray(np.exp(between) * np.abs(response(model, omega)).prod(axis=0))
 
 
-def gains_of(windows: Windows, model: Parameters | None) -> list[MeasuredGain]:
+@cache
+def gain_of(windows: Windows, reference: str) -> MeasuredGain:
+    """The measured gain of a follower from its windows, beside a model by its key, or none."""
+    model = car(windows, reference, "joint") if reference else None
+    return measured_gain(windows, 0, reference=model)
+
+
+def gains_of(windows: Windows, reference: str = BEST) -> list[MeasuredGain]:
     """The measured gain of each follower."""
-    return [
-        measured_gain(windows, k, reference=None if model is None else model[[k]])
-        for k in range(windows[0].followers)
-    ]
+    return [gain_of(pair, reference) for pair in pairs_of(windows)]
 
 
 def measured(windows: Windows) -> Gain:
     """The product of the cars' measured gains."""
-    model = cars(windows)
-    pairs = gains_of(windows, model)
+    model, pairs = cars(windows), gains_of(windows)
     return lambda _, omega: np.asarray(
         np.prod([at(pair, omega, model[[k]]) for k, pair in enumerate(pairs)], axis=0)
     )
@@ -159,7 +166,7 @@ def measured(windows: Windows) -> Gain:
 
 def plain(windows: Windows) -> Gain:
     """The same without a reference."""
-    pairs = gains_of(windows, None)
+    pairs = gains_of(windows, "")
     return lambda _, omega: np.asarray(
         np.prod([np.interp(omega, pair.omega, pair.gain) for pair in pairs], axis=0)
     )
@@ -167,8 +174,7 @@ def plain(windows: Windows) -> Gain:
 
 def corrected(model: str, estimator: str, windows: Windows) -> Gain:
     """The product of measured gains that are drawn towards those of a model."""
-    parameters = cars(windows, model, estimator)
-    pairs = gains_of(windows, parameters)
+    parameters, pairs = cars(windows, model, estimator), gains_of(windows)
 
     def gain(_: Segment, omega: FloatArray) -> FloatArray:
         mean, _ = corrected_gains(pairs, parameters, omega)
@@ -237,24 +243,27 @@ RESPONSES: Mapping[str, tuple[Form, tuple[float, ...]]] = {
 }
 
 
+@cache
+def fitted_terms(name: str, windows: Windows) -> FloatArray:
+    """The terms of a response that is fitted to a follower's measured complex H."""
+    form, start = RESPONSES[name]
+    pair = gain_of(windows, BEST)
+    used = (pair.omega >= SLOWEST) & (pair.omega <= FASTEST)
+    s, wanted, coherence = 1j * pair.omega[used], pair.response[used], pair.coherence[used]
+    weight = np.sqrt(coherence / np.maximum(1 - coherence, 0.02))
+
+    def apart(x: FloatArray) -> FloatArray:
+        with np.errstate(all="ignore"):
+            error = weight * (form(s, x) / wanted - 1)
+        return np.nan_to_num(np.concatenate([error.real, error.imag]), nan=1e3)
+
+    return np.asarray(least_squares(apart, start, loss="soft_l1", max_nfev=200).x)
+
+
 def fitted(name: str, windows: Windows) -> Gain:
     """The product of responses that are fitted to each car's measured complex H."""
-    form, start = RESPONSES[name]
-    model, sets = cars(windows), list[FloatArray]()
-    for pair in gains_of(windows, model):
-        used = (pair.omega >= SLOWEST) & (pair.omega <= FASTEST)
-        s, wanted, coherence = 1j * pair.omega[used], pair.response[used], pair.coherence[used]
-        weight = np.sqrt(coherence / np.maximum(1 - coherence, 0.02))
-
-        def apart(
-            x: FloatArray, s: Complex = s, wanted: Complex = wanted, weight: FloatArray = weight
-        ) -> FloatArray:
-            with np.errstate(all="ignore"):
-                error = weight * (form(s, x) / wanted - 1)
-            return np.nan_to_num(np.concatenate([error.real, error.imag]), nan=1e3)
-
-        sets.append(least_squares(apart, start, loss="soft_l1").x)
-
+    form, _ = RESPONSES[name]
+    sets = [fitted_terms(name, pair) for pair in pairs_of(windows)]
     return lambda _, omega: np.asarray(np.prod([abs(form(1j * omega, x)) for x in sets], axis=0))
 
 

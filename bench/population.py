@@ -26,7 +26,8 @@ from accpinn.model.spec import ModelSpec
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.study.plan import files_of, plan
+from accpinn.segment.windows import plan
+from accpinn.study.plan import files_of
 from accpinn.units import FloatArray, Seconds
 
 Car = tuple[str, ...]

@@ -28,9 +28,9 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
+from accpinn.segment.windows import car_following
 from accpinn.study import Analysis, Source
 from accpinn.study.comparison import compare
-from accpinn.study.plan import car_following
 from accpinn.study.result import Result
 from accpinn.study.run import estimate, run
 from accpinn.units import Seconds

@@ -78,10 +78,10 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> I
     import streamlit as st  # takes a second, which most tests need not wait
 
     from pages.ui.session import resources as server
-    from pages.ui.session import sessions
+    from pages.ui.session import users
 
     # A page's test has no connection; it stands for the person at this computer.
-    monkeypatch.setattr(sessions, "connection_headers", lambda: {"Host": "localhost:8501"})
+    monkeypatch.setattr(users, "connection_headers", lambda: {"Host": "localhost:8501"})
     # A page takes the place of the main module, which new processes would run.
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     monkeypatch.chdir(Path(__file__).parent.parent)

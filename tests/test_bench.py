@@ -11,7 +11,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import LeaderProfile
 from accpinn.segment import Segment
 from bench import __main__ as command_line
-from bench import coverage, prediction
+from bench import coverage, prediction, unequal
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import FIXED, Measurement, Released, show
 from tests.support.driving import MIXED, driven
@@ -62,6 +62,15 @@ class TestCoverage:
         for values in (*estimates, further):
             away = np.log(values.values / typical.values) / coverage.BETWEEN
             assert np.all((np.abs(away) > 0.01) & (np.abs(away) < 4.0))
+
+
+def test_unequal_gains_of_cars_that_nothing_disturbs_are_found() -> None:
+    kind = unequal.KINDS["unequal"]
+    kind = kind._replace(disturbance=replace(kind.disturbance, deviation=1e-9))
+    for seed in range(2):
+        truth, segments = unequal.windows_of_car(seed, 1, kind)
+        found = prediction.joint(segments, "unequal").nonlinear[0, [1, 3]]
+        np.testing.assert_allclose(found, truth, rtol=0.1)
 
 
 class TestPrediction:

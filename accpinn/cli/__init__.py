@@ -7,6 +7,7 @@ line `error: ...`), 130 when interrupted.
 
 import argparse
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -29,6 +30,7 @@ COMMANDS = {
     "dataset": ("dataset", "parameters of all cars in many recordings, ready to be published"),
     "stability": ("vehicles", "string stability of given parameters"),
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
+    "drive": ("vehicles", "the drive of the car ahead that would narrow intervals most"),
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
     "runs": ("files", "results of earlier runs, searched by words"),
@@ -59,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             given = sys.argv[1:] if arguments is None else arguments
             options = _parser(given).parse_args(given)
+            options.command_line = _command_line(given)
             return int(options.run(options))
         finally:
             flush()
@@ -73,6 +76,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
+
+
+def _command_line(given: Sequence[str]) -> str:
+    """The command as it stands in what it made, which may be published: of paths the names."""
+    words = (Path(word).name if Path(word).is_absolute() else word for word in given)
+    return " ".join(shlex.join(["accpinn", *words]).split())
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

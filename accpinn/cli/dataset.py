@@ -1,8 +1,6 @@
 """`dataset`: the parameters of all cars in many recordings, with the sheet that describes them."""
 
 import argparse
-import shlex
-import sys
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -50,7 +48,7 @@ def run_dataset(options: argparse.Namespace) -> int:
             mapping=load_mapping(options.mapping) if options.mapping else None,
             workers=options.workers,
             scheduler=options.scheduler,
-            command=shlex.join(["accpinn", *sys.argv[1:]]),
+            command=options.command_line,
             level=options.level,
             on_progress=show_progress,
             should_stop=stopped.is_set,

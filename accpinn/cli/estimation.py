@@ -61,9 +61,9 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import known_table
 from accpinn.segment import SegmentInfo
+from accpinn.segment.windows import AUTO
 from accpinn.study.comparison import Refused, compare, spread_of, starts
 from accpinn.study.judge import judge, subjects_of
-from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, prepare_snapshot, save, writable_path

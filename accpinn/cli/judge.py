@@ -2,8 +2,7 @@
 
 import argparse
 import os
-import shlex
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from accpinn.cli.options import ALL, DASK, VARIANTS_HELP, named_keys
@@ -73,7 +72,7 @@ def run_judge(options: argparse.Namespace) -> int:
         raise ConfigError(
             f"reference: {options.reference[:40]} is not judged; choose {', '.join(keys)}."
         )
-    workers = None if options.scheduler else options.workers or os.cpu_count() or 1
+    workers = None if options.scheduler else options.workers or _workers(options.sources)
     with interruptible() as stopped, share_bar() as show_share:
 
         def show_progress(now: JudgeProgress) -> None:
@@ -89,7 +88,7 @@ def run_judge(options: argparse.Namespace) -> int:
             folder=None if options.no_cache else folder_of("cache") / KEPT,
             workers=workers,
             scheduler=options.scheduler,
-            command=shlex.join(["accpinn", *sys.argv[1:]]),
+            command=options.command_line,
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )
@@ -103,6 +102,12 @@ def run_judge(options: argparse.Namespace) -> int:
     else:
         show(_text(judgements, options.reference))
     return 0 if judgements.is_whole else 130
+
+
+def _workers(sources: Sequence[str]) -> int | None:
+    """As many processes as processors; of one file none, as they would take longer to start."""
+    is_one = len(sources) == 1 and Path(sources[0]).is_file()
+    return None if is_one else os.cpu_count() or 1
 
 
 def _text(judgements: Judgements, reference: str | None) -> str:

@@ -12,10 +12,10 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import COMPARED, METHODS, VARIANTS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER, following_model
 from accpinn.recordings import Recording
-from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
+from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
+from accpinn.segment.windows import AUTO, disjoint_windows
 from accpinn.study import Analysis
-from accpinn.study.plan import AUTO
 from accpinn.study.scripts import model_key
 from accpinn.study.store import Store
 

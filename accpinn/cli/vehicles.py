@@ -1,6 +1,8 @@
-"""`stability` and `simulate`: how vehicles with given parameters amplify disturbances."""
+"""`stability`, `simulate`, `drive`: how vehicles amplify disturbances, and what tells more."""
 
 import argparse
+from math import isnan
+from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
@@ -13,24 +15,28 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon import order_of, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.cast import Cast
-from accpinn.results.documents import check_document
+from accpinn.results.documents import check_document, drive_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.estimate import assumption, contradictions
+from accpinn.results.messages.next_drive import ABOUT_DRIVE, drive_in_words
 from accpinn.results.messages.platoon import (
     disturbance,
     growth_of,
+    measured_growth,
     most_amplified,
     smallest_gap,
 )
 from accpinn.results.messages.stability import (
     about_margin,
     against_measured,
+    explained,
     headline,
     platoon_reasons,
     reason,
     reasons,
     waves_in_words,
 )
+from accpinn.results.tables.next_drive import drive_table
 from accpinn.results.tables.stability import (
     amplitude_table,
     known_table,
@@ -40,9 +46,11 @@ from accpinn.results.tables.stability import (
 from accpinn.stability import VehicleStability, Verdict
 from accpinn.stability.margin import VehicleMargin
 from accpinn.stability.waves import PARTS, LargestGrowth
-from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
+from accpinn.study.next_drive import LIMITS, next_drive
+from accpinn.study.vehicles import AssessedVehicles, PeakGrowth, assessed_vehicles
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
+GROWTH = ("omega", "gain", "lower", "upper", "model", "is_measured", "level")
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
 STABILITY_OPTIONS = (
@@ -71,6 +79,19 @@ SIMULATE_OPTIONS = (
       )),
 )  # fmt: skip
 """The defaults are the paper's simulation."""
+DRIVE_OPTIONS = (
+    option("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip) of an estimate of a CTHP"),
+    option("--vehicle", type=int, metavar="N", help="a follower (the first that is determined)"),
+    *(option(f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})")
+      for name, default, meaning in (
+          ("duration", 120.0, "of the drive in s"),
+          ("slowest", 15.0, "least speed of the car ahead in m/s"),
+          ("fastest", 33.0, "its largest speed in m/s"),
+          ("acceleration", 2.0, "its largest acceleration and braking in m/s²"),
+      )),
+    option("--out", metavar="CSV", help="write the drive as a table of time and speed"),
+    JSON,
+)  # fmt: skip
 
 
 def _chosen(options: argparse.Namespace) -> AssessedVehicles:
@@ -126,6 +147,7 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
     gains = snapshot.measured_gains if snapshot else [None] * len(numbers)
     uncertainty, waves = subject.uncertainty, subject.waves
     checks = {c.vehicle: c for c in subject.checks}
+    growth = subject.measured_growth(range(len(numbers)))
     return {
         "vehicles": [
             {"label": subject.vehicles.labels[k]}
@@ -135,6 +157,7 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
             | (_describe_uncertainty(uncertainty, k) if uncertainty else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
+                "growth": _describe_growth(subject.growths[k]),
                 "measured_check": checks.get(number)
                 and check_document(checks[number], subject.vehicles),
             }
@@ -144,6 +167,12 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
         ],
         "platoon": {
             "margin": subject.margins.platoon and subject.margins.platoon.value,
+            "growth": _describe_growth(subject.platoon_growth),
+            "measured": snapshot
+            and (measured := snapshot.head_to_tail_gain)
+            and fields(measured, *MEASURED),
+            "measured_growth": growth and fields(growth, *GROWTH),
+            "explanation": explained(subject) or None,
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
@@ -152,6 +181,18 @@ def _describe_report(subject: AssessedVehicles) -> dict[str, Any]:
                 for name, (verdict, why) in zip(PLATOON, platoon_reasons(subject), strict=True)
             },
         },
+    }
+
+
+def _describe_growth(growth: PeakGrowth) -> dict[str, Any]:
+    """The largest growth, with an interval where it has one."""
+    has_ends = not isnan(growth.gain.lower)
+    return {
+        "gain": growth.gain.value,
+        "interval": [growth.gain.lower, growth.gain.upper] if has_ends else None,
+        "omega": growth.omega,
+        "model_gain": growth.model,
+        "is_measured": growth.is_measured,
     }
 
 
@@ -215,6 +256,7 @@ def _report_text(subject: AssessedVehicles) -> str:
     lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]
+        lines += [explained(subject)] if explained(subject) else []
     lines += [waves_in_words(subject.waves)] if subject.waves else []
     lines += contradictions(subject.result)
     lines += against_measured(subject.checks, vehicles)
@@ -257,9 +299,29 @@ def run_simulate(options: argparse.Namespace) -> int:
     def text() -> str:
         labels = [cast.label(k) for k in range(len(result.largest_deviation))]
         growth = disturbance(result, cast, growth_of(subject, cast, result))
-        sentences = filter(None, (growth, most_amplified(result), smallest_gap(result, cast)))
+        measured = measured_growth(subject, cast, result)
+        extremes = most_amplified(result), smallest_gap(result, cast)
+        sentences = filter(None, (growth, measured, *extremes))
         notes = [f"Note: {warning}" for warning in warnings]
         return "\n".join([amplitude_table(result, labels).to_text(), "", *sentences, *notes])
 
     show_result(options, document, text)
+    return 0
+
+
+def run_drive(options: argparse.Namespace) -> int:
+    """Propose the drive of the car ahead that narrows a follower's intervals most."""
+    from accpinn.study.snapshot import load, writable_path, write_file
+
+    place = None if options.out is None else writable_path(Path(options.out), "drive")
+    limits = {name: getattr(options, name) for name in LIMITS}
+    proposed = next_drive(load(options.file), vehicle=options.vehicle, **limits)
+    if place:
+        write_file(proposed.to_csv().encode(), place, "drive")
+
+    def text() -> str:
+        table = drive_table(proposed)
+        return "\n".join([drive_in_words(proposed), "", table.to_text(), ABOUT_DRIVE])
+
+    show_result(options, lambda: drive_document(proposed), text)
     return 0

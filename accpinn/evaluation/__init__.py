@@ -41,7 +41,8 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.estimate import Estimate
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
-from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
+from accpinn.segment.cut import MINIMUM_DURATION, cut
+from accpinn.segment.windows import complete_windows
 from accpinn.units import FloatArray, Seconds
 
 BLOCKS = 3

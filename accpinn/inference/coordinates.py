@@ -133,10 +133,14 @@ class TimeGapCoordinates(Coordinates):
 
     def log_prior(self, phi: FloatArray) -> FloatArray:
         """See `Coordinates.log_prior`."""
-        terms = [EXTRA[term] for term in self.model.terms]
-        centre = np.append(np.log(TYPICAL.values), [term.start for term in terms])
-        spread = np.append(PRIOR_SPREAD, [term.spread or np.inf for term in terms])
-        return np.asarray(-0.5 * (((phi - centre) / spread) ** 2).sum(axis=-1))
+        starts = [EXTRA[term].start for term in self.model.terms]
+        centre = np.append(np.log(TYPICAL.values), starts)
+        return np.asarray(-0.5 * (((phi - centre) / self.prior_spread) ** 2).sum(axis=-1))
+
+    @property
+    def prior_spread(self) -> FloatArray:
+        """(p,) the standard deviations of that prior."""
+        return np.append(PRIOR_SPREAD, [EXTRA[t].spread or np.inf for t in self.model.terms])
 
     def parameters(self, phi: FloatArray, speed: FloatArray | float) -> Parameters:
         """See `Coordinates.parameters`; they are the same at every speed."""

@@ -6,38 +6,29 @@ their peaks, and the share of the frequencies at which the bands have nothing in
 on string stability is contradicted where the measured gain does not allow it at any of K
 frequencies together: the measured band has the level 1 - (1 - level)/K there (Bonferroni), as one
 of many single bands lies apart by chance.
-
-Likewise the platoon: whether its cars explain it is the comparison of Π|H| with the gain that is
-measured from the leader to the last follower. Its coherence is lower, as every car between adds
-motion of its own, so that from `COHERENT_PLATOON` on counts and the bands tell.
 """
 
 from collections.abc import Sequence
 from math import nan
 from typing import Literal
 
-import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.inference.intervals import Interval, Uncertainty, gain_band, platoon_band
+from accpinn.inference.intervals import Uncertainty, gain_band
 from accpinn.segment import Segment
 from accpinn.stability import assessment
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import (
     LEVEL,
     MeasuredGain,
-    head_to_tail_gain,
     measured_gain,
 )
 from accpinn.units import FloatArray, Mask, RadiansPerSecond
 
 COHERENT = 0.8
 """Least coherence at which a measured gain is compared."""
-COHERENT_PLATOON = 0.5
-"""Least coherence of leader and last follower at which a platoon is compared."""
 FASTEST: RadiansPerSecond = 1.0
 """Highest frequency at which it is compared."""
 LEAST = 5
@@ -137,31 +128,9 @@ def gain_checks(segments: Sequence[Segment], uncertainty: Uncertainty) -> tuple[
     )
 
 
-def platoon_check(segments: Sequence[Segment], uncertainty: Uncertainty) -> GainCheck | None:
-    """Hold Π|H| of the followers against the gain from the leader to the last of them.
-
-    Its vehicle is 0. None of one follower, or where a follower is not determined.
-    """
-    followers = segments[0].followers
-    if followers < 2 or not np.isfinite(uncertainty.centre.complete).all():
-        return None
-    try:
-        measured = head_to_tail_gain(segments, reference=uncertainty.centre)
-    except SegmentError:
-        return GainCheck(0, 0)
-    at = compared(measured, COHERENT_PLATOON)
-    if (count := int(at.sum())) < LEAST:
-        return GainCheck(0, count)
-    omega = measured.omega[at]
-    band = platoon_band(uncertainty, range(followers), omega)
-    check = _distance(measured, at, 0, response(uncertainty.centre, omega).prod(axis=0), band)
-    is_apart = check.apart > APART
-    return msgspec.structs.replace(check, contradiction="apart" if is_apart else "")
-
-
-def compared(measured: MeasuredGain, coherent: float = COHERENT) -> Mask:
+def compared(measured: MeasuredGain) -> Mask:
     """(K,) the frequencies at which a measured gain is compared with a model's."""
-    return (measured.omega <= FASTEST) & (measured.coherence >= coherent)
+    return (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
 
 
 def _check(
@@ -179,32 +148,25 @@ def _check(
     sure = measured_gain(segments, k, 1.0 - (1.0 - LEVEL) / count, model)
     omega, levels = measured.omega[at], decibels(measured.gain[at])
     band = gain_band(uncertainty, k, omega)
-    check = _distance(measured, at, vehicle, response(model, omega)[0], band)
+    apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
+    modelled = decibels(np.abs(response(model, omega))[0])
     amplified = band.lower > 1.0
     verdict = assessment(float(uncertainty.probability_l2[k]))
-    contradiction: Contradiction = "apart" if check.apart > APART else ""
+    contradiction: Contradiction = "apart" if apart.mean() > APART else ""
     if verdict == "stable" and (sure.lower[at] > 1.0).any():
         contradiction = "amplifies"
     elif verdict == "unstable" and amplified.any() and (sure.upper[at][amplified] < 1.0).all():
         contradiction = "damps"
-    highest = float(levels[amplified].max()) if amplified.any() else nan
-    return msgspec.structs.replace(check, contradiction=contradiction, highest=highest)
-
-
-def _distance(
-    measured: MeasuredGain, at: Mask, vehicle: int, model: NDArray[np.complex128], band: Interval
-) -> GainCheck:
-    """How far a model's response at some of the frequencies, with its band, is from a gain."""
-    levels, modelled = decibels(measured.gain[at]), decibels(np.abs(model))
-    apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
     return GainCheck(
         vehicle,
-        int(at.sum()),
+        count,
         rms=float(np.sqrt(np.mean((modelled - levels) ** 2))),
         peak=float(levels.max()),
         model_peak=float(modelled.max()),
-        omega=float(measured.omega[at][levels.argmax()]),
+        omega=float(omega[levels.argmax()]),
         apart=float(apart.mean()),
+        highest=float(levels[amplified].max()) if amplified.any() else nan,
+        contradiction=contradiction,
     )
 
 

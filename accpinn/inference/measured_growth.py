@@ -4,18 +4,18 @@ With Ĝ_k the measured gain of follower k (see `stability.measured_gain`), ε it
 |H_k| the model's gain, what the model misses is a smooth function of frequency:
 
     δ_k(ω) = ln |G_k(jω)| - ln |H_k(jω)| ~ a Gaussian process of deviation `ERROR` whose values are
-             correlated by exp(-½ [ln(ω/ω') / WIDTH]²)
+             correlated by exp(-½ [(x - x') / WIDTH]²), x = asinh(ω / BEND), with δ_k(0) = 0
     ln |Ĝ_k/H_k|(ω_i) = δ_k(ω_i) + noise of deviation ε_i, correlated by ρ between neighbours
 
-So its mean is the measured ratio where the recording is coherent and 0, the model, where it is not,
-and its band says which. Along a platoon means add, and so do variances, with a correlation of
-`COMMON`, as models miss the same of all cars. Gains are measured pair by pair, each behind a car
-that moves on its own account as well, so that their product is known better than the gain from the
-leader to the last car. `ERROR` is what models miss in windows left out (`bench.platoon`). ρ is
-(∫w² cos / ∫w²)² under the taper w.
+as G(0) = H(0) = 1. So its mean is the measured ratio where the recording is coherent and 0, the
+model, where it is not, and its band says which. Along a platoon means add, and so do variances,
+with a correlation of `COMMON`, as models miss the same of all cars. Gains are measured pair by
+pair, each behind a car that moves on its own account as well, so that their product is known
+better than the gain from the leader to the last car. `ERROR` is about what models miss in windows
+left out (`bench.platoon`). ρ is (∫w² cos / ∫w²)² under the taper w.
 
-Whether the cars explain the platoon is asked the other way round: the band of Π|H_k|, from the
-posterior, is held against the gain that is measured from the leader to the last car.
+The cars' models explain a platoon where their product agrees with its growth: it does not where
+both differ, by more than their bands together allow, at more than `DIFFERENT` of the frequencies.
 
 Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, chapter 2.
 """
@@ -27,23 +27,30 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtri
 
+from accpinn.inference.intervals import Uncertainty, platoon_band
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import LEVEL, MeasuredGain, is_reference
 from accpinn.units import FloatArray, Mask, Quantity, RadiansPerSecond, frozen
 
-ERROR = 0.25
-"""Deviation of the logarithm of the gain from that of a model; 2.2 dB."""
-WIDTH = 0.3
-"""Range in ln ω within which it changes."""
+ERROR = 0.3
+"""Deviation of the logarithm of the gain from that of a model; 2.6 dB."""
+WIDTH = 0.2
+"""Range in x within which it changes."""
+BEND: RadiansPerSecond = 0.2
+"""Frequency below which x is even in ω, and above which in ln ω."""
 NEIGHBOURS = 0.25
 """ρ, the correlation of the noise at neighbouring frequencies."""
 COMMON = 0.2
 """Correlation of what is missed in two cars of a platoon."""
 ROUNDING = 1e-9
 """Least variance of a measurement."""
-HALF = 0.5
-"""Share of the variance that a measurement has to take away, to count as one."""
+SURE = 1 / 3
+"""Share of the deviation of a model's gain below which a gain counts as measured."""
+DIFFERENT = 1 / 3
+"""Share of the frequencies beyond which cars and platoon differ; chance has a tenth."""
+COMPARED: tuple[RadiansPerSecond, RadiansPerSecond] = (0.06, 0.8)
+"""Frequencies at which they are compared."""
 SLOWEST: RadiansPerSecond = 0.03
 FASTEST: RadiansPerSecond = 1.0
 FREQUENCIES = 80
@@ -65,7 +72,7 @@ class Growth:
     model: FloatArray
     """(K,) the product of the cars' |H|."""
     is_measured: Mask
-    """(K,) where the measurement counts more than the model."""
+    """(K,) where the measurement, not the model, says what the gain is."""
     level: float
     """Probability with which the band covers the gain."""
 
@@ -88,6 +95,15 @@ class Growth:
     def is_peak_measured(self) -> bool:
         """Whether the largest gain is a measured one."""
         return bool(self.is_measured[self._top])
+
+    def at(self, omega: RadiansPerSecond) -> Quantity | None:
+        """The measured gain at a frequency; None where there is none."""
+        if not self.omega[0] <= omega <= self.omega[-1]:
+            return None
+        if not self.is_measured[np.abs(self.omega - omega).argmin()]:
+            return None
+        parts = (self.gain, self.lower, self.upper)
+        return Quantity(*(float(np.interp(omega, self.omega, part)) for part in parts))
 
     @property
     def model_peak(self) -> float:
@@ -120,9 +136,30 @@ def growth_along(
         lower=frozen(whole / factor),
         upper=frozen(whole * factor),
         model=frozen(np.abs(response(parameters, omega)).prod(axis=0)),
-        is_measured=variance.sum(axis=0) < (1.0 - HALF) * len(parameters) * ERROR**2,
+        is_measured=deviation < SURE * np.sqrt(_of_sum(np.full_like(variance, ERROR**2))),
         level=level,
     )
+
+
+def different(growth: Growth, uncertainty: Uncertainty, order: Sequence[int]) -> float:
+    """The share of the frequencies at which a platoon's growth differs from its cars' models.
+
+    The order is the place of each of its vehicles. It is nan where a vehicle is not determined, or
+    nothing was measured.
+    """
+    low, high = COMPARED
+    used = growth.is_measured & (growth.omega >= low) & (growth.omega <= high)
+    band = platoon_band(uncertainty, order, growth.omega[used])
+    if not used.any() or np.isnan(band.lower).any():
+        return np.nan
+    widths = [
+        np.log(growth.upper / growth.lower)[used],
+        np.log(band.upper / band.lower)
+        * ndtri(0.5 + growth.level / 2.0)
+        / ndtri(0.5 + uncertainty.level / 2.0),
+    ]
+    away = np.log(growth.gain[used] ** 2 / (band.lower * band.upper))
+    return float((np.abs(away) > np.hypot(*widths)).mean())
 
 
 def corrected_gains(
@@ -140,7 +177,7 @@ def corrected_gains(
     variance = np.full_like(mean, error**2)
 
     def covariance(left: FloatArray, right: FloatArray) -> FloatArray:
-        apart = (np.log(left)[:, None] - np.log(right)) / width
+        apart = (np.arcsinh(left / BEND)[:, None] - np.arcsinh(right / BEND)) / width
         return np.asarray(error**2 * np.exp(-0.5 * apart**2))
 
     for k, pair in enumerate(pairs):
@@ -148,8 +185,9 @@ def corrected_gains(
             continue
         noise = _noise(pair)
         used = np.isfinite(noise) & (pair.gain > 0)
-        at, noise = pair.omega[used], noise[used]
-        ratio = np.log(pair.gain[used] / np.abs(response(parameters[[k]], at))[0])
+        at, noise = np.append(0.0, pair.omega[used]), np.append(0.0, noise[used])
+        model = np.abs(response(parameters[[k]], at[1:]))[0]
+        ratio = np.append(0.0, np.log(pair.gain[used] / model))
         distance = np.abs(at[:, None] - at) / pair.omega[0]
         shared = np.where(distance < 0.5, 1.0, np.where(distance < 1.5, NEIGHBOURS, 0.0))
         of_data = covariance(at, at) + shared * np.outer(noise, noise)

@@ -1,7 +1,7 @@
 """The result of every estimation method: one `Estimate` of one window or of several."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -12,7 +12,7 @@ from accpinn.arguments import check_level, checked_method
 from accpinn.errors import ConfigError
 from accpinn.methods.findings import BoundActive, Implausible, MethodFinding, Undetermined
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import TERMS, Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, PAPER, time_gap, value_of
 from accpinn.model.spec import ModelSpec
@@ -401,7 +401,8 @@ class Estimate:
     def span(self, name: str, follower: int, level: float | None = None) -> Span:
         """One parameter of one follower (0 for the first), by its name; see `names`.
 
-        The ``level`` of its interval is by default that of the posterior.
+        The ``level`` of its interval is by default that of the posterior. A lag or a delay at its
+        least value is an end of its interval, as all draws lie above it.
 
         Raises:
             ConfigError: for another name or follower.
@@ -410,7 +411,9 @@ class Estimate:
             raise ConfigError(
                 f"span: {str(name)[:40]} is not known; choose from {', '.join(self.names)}."
             )
-        return self._span((name,), follower, lambda sets: self.values(sets, name), level)
+        span = self._span((name,), follower, lambda sets: self.values(sets, name), level)
+        is_late = self.following.is_linear and name in TERMS[1:]
+        return replace(span, lower=span.value) if is_late and span.value < span.lower else span
 
     def gain(self, name: str, follower: int) -> Span:
         """The α or β of one follower; of a model that is no CTHP at its median speed."""

@@ -34,6 +34,8 @@ METHODS: dict[str, Method] = {
         dual_ukf.METHOD,
     )
 }
+PRESET_METHOD = pinn.METHOD
+"""The method whose presets pages, Python and the command line offer by their bare names."""
 VARIANTS: dict[str, tuple[str, PinnConfig | None]] = {
     "pinn": ("pinn", PRESETS["calibrated"]),
     "pinn-fast": ("pinn", PRESETS["fast"]),

@@ -31,7 +31,7 @@ TYPICAL = (
     " line: the time gap in a further window; arrowhead: the interval goes on; larger dot: more"
     " windows. ✓: stable with a probability above 95 %, ✗: below 5 %, ?: between."
 )
-"""What the picture of groups shows."""
+"""The quantities in the picture of groups."""
 OPENACC = (
     "OpenACC. An open database of car-following experiments to study the properties of commercial"
     " ACC systems, © European Union, 1995–2025, European Commission, Joint Research Centre, CC BY"
@@ -123,8 +123,8 @@ def progress_line(now: BatchProgress) -> str:
 def summary_line(summary: BatchProgress) -> str:
     """The result of a batch."""
     if summary.stopped:
-        kept = counted(summary.rows, "row")
-        return f"Stopped; what is finished is kept, and the same batch goes on from there: {kept}."
+        rows = counted(summary.rows, "row")
+        return f"Stopped; what is finished is kept, and the same batch goes on from there: {rows}."
     unread = f" ({summary.refused:,} could not be read)" if summary.refused else ""
     counts = (
         f"{counted(summary.files, 'file')}, {counted(summary.recordings, 'recording')}{unread},"
@@ -132,13 +132,13 @@ def summary_line(summary: BatchProgress) -> str:
         f" {counted(summary.rows, 'row')} (one a follower window and method)"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
-    said = f"Done: {counts}{reused}."
+    sentence = f"Done: {counts}{reused}."
     if summary.namesakes:
-        said += (
+        sentence += (
             f" Other contents of {joined(summary.namesakes)} stay in the study beside these; if a"
             " file was changed, take another folder."
         )
-    return said
+    return sentence
 
 
 def estimate_line(estimate: BatchEstimate) -> str:
@@ -151,7 +151,7 @@ def estimate_line(estimate: BatchEstimate) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """As "1 file" or "1,200 files"."""
+    """A count with its noun, as "1 file" or "1,200 files"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
@@ -162,24 +162,24 @@ GAP = "Time gap"
 GROWTH = Column("Largest growth", digits=2, key="growth")
 MARGIN = Column("Margin, L₂", "s", 2, key="margin_l2")
 """By how much the time gap exceeds the smallest string stable one."""
-NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
-"""Parameters in a table of 100 characters, with their decimals; else a model's first three."""
+NARROW = 2
+"""Parameters in a table of 100 characters, each with a decimal less."""
 
 
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
-    """One row a group: typical time gap and parameters, and the share of stable vehicles.
+    """One row a group: typical time gap, parameters, and share of stable vehicles.
 
     A wide one shows every interval, and what a further window has; else it fits 100 characters.
     """
-    groups, own = grouped.groups, columns_of(grouped.model)
+    groups, columns_of_model = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
     if not is_wide:
-        digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
             *(filled for filled in _heads(grouped) if filled[0].title != "Vehicles"),
             (Column("Time gap", "s", 2), next(_gaps(grouped))[1]),
-            *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
-              for name, count in digits.items()),
+            *((replace(column, digits=(column.digits or 1) - 1, group=""),
+               [g.span(name).value for g in groups])
+              for name, column in [*columns_of_model.items()][:NARROW]),
             (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
         at = gap_column(FASTEST, title="time gap at").title
@@ -190,7 +190,7 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
         (GROWTH, [group.growth for group in groups]),
         (MARGIN, [_finite(group.margin) for group in groups]),
         *((column, [group.span(name) for group in groups])
-          for name, column in own.items()),
+          for name, column in columns_of_model.items()),
         *_stable(groups),
     ]  # fmt: skip
     return Table.of(caption, columns)
@@ -255,8 +255,8 @@ def spread_table(grouped: Groups) -> Table:
         for name, column in shown.items():
             scaled = replace(column, unit="%", digits=0) if name in relative else column
             factor = 100 if name in relative else 1
-            known = [spreads(group).get(name) for group in grouped.groups]
-            cells = [_scaled(spread, factor) if spread else None for spread in known]
+            spreads_of_groups = [spreads(group).get(name) for group in grouped.groups]
+            cells = [_scaled(spread, factor) if spread else None for spread in spreads_of_groups]
             columns.append((replace(scaled, group=title, key=""), cells))
     return Table.of(f"Standard deviations, with {100 * grouped.level:g} % intervals", columns)
 
@@ -272,7 +272,7 @@ def guarded(rows: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _heads(grouped: Groups) -> list[Filled]:
-    """What names each group, and how much it has."""
+    """The columns with each group's name and size."""
     groups = grouped.groups
     names: list[Filled] = [
         (Column(HEADINGS[name]), [group.values[k] or ABSENT for group in groups])
@@ -288,13 +288,13 @@ def _counts(grouped: Groups) -> Iterator[Filled]:
 
 
 def _labels(grouped: Groups) -> Filled:
-    """What names each group, in one column."""
+    """The column with each group's name."""
     title = ", ".join(HEADINGS[name].lower() for name in grouped.by)
     return Column(capital(title) or "Group"), [label_of(g.values) for g in grouped.groups]
 
 
 def label_of(values: Sequence[str]) -> str:
-    """What a group is called."""
+    """The name of a group."""
     return " · ".join(value or ABSENT for value in values) or "all"
 
 

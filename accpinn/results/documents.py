@@ -4,6 +4,7 @@ A result, its estimate and its followers are described once for all of them.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -30,6 +31,7 @@ from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
 from accpinn.study.description import describe
 from accpinn.study.judge import Judgement, ModelScore, wins
+from accpinn.study.next_drive import NextDrive
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 from accpinn.units import MetresPerSecond, Quantity
@@ -327,6 +329,24 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
             for group in grouped.groups
         ],
     }  # fmt: skip
+
+
+def drive_document(proposed: NextDrive) -> dict[str, Any]:
+    """A drive that is proposed, and the half widths of intervals now and after it."""
+    return {
+        "vehicle": proposed.vehicle,
+        "name": proposed.name,
+        "kind": proposed.kind,
+        "level": proposed.level,
+        "gain": proposed.gain,
+        "motorway_gain": proposed.motorway_gain,
+        "smallest_gap": proposed.smallest_gap,
+        "limits": asdict(proposed.limits),
+        "half_widths": [asdict(row) for row in proposed.narrowing],
+        "offered": [{"kind": kind, "gain": gain} for kind, gain in proposed.offered],
+        "time": proposed.time.round(1).tolist(),
+        "speed": proposed.speed.round(3).tolist(),
+    }
 
 
 def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:

@@ -32,6 +32,6 @@ LEGEND = tuple((term.word, term.meaning) for term in GROUPS["Marks"])
 
 
 def meaning(*words: str) -> str:
-    """What some entries of the legend mean, as "✓ …; ✗ …"."""
-    said = dict(LEGEND)
-    return " ".join(f"{word}: {said[word]}" for word in words)
+    """The meaning of some entries of the legend, as "✓ …; ✗ …"."""
+    meanings = dict(LEGEND)
+    return " ".join(f"{word}: {meanings[word]}" for word in words)

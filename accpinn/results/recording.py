@@ -16,7 +16,7 @@ from accpinn.recordings import FLAGS, Recording, Vehicle, Window
 from accpinn.recordings.cures import Cure, Exchange, ReadSpeedAs, Reverse, Shift
 from accpinn.recordings.increments import agreement
 from accpinn.recordings.mapping import CsvMapping, units_taken
-from accpinn.results.tables import ABSENT, Cell, Column, Table, percent_cells
+from accpinn.results.tables import ABSENT, Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import driver_cells, parameter_cells
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.cut import DURATION
@@ -30,7 +30,7 @@ from accpinn.segment.quality import (
     Rating,
     Regimes,
 )
-from accpinn.segment.suggestion import Suggestion
+from accpinn.segment.windows import Suggestion
 from accpinn.study.vehicles import by_hand, where
 
 GRADED: Mapping[Question, Sequence[str]] = {
@@ -44,7 +44,7 @@ GRADED: Mapping[Question, Sequence[str]] = {
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
 }
-"""Label of each grade, from good to not known; it says what is counted, the mark how good it is."""
+"""Label of each rating by grade, from good to unknown."""
 MEANING: Mapping[Question, str] = {
     "complete": (
         "The share of instants at which every speed and gap was measured: not missing, not bridged,"
@@ -73,12 +73,12 @@ FIGURES: Mapping[Question, Column] = {
     "driver": Column("Driven by ACC", "%", 0),
     "consistent": Column("Gap correlation", "", 2),
 }
-"""What the answer to each question counts; of several followers that of the worst."""
+"""The quantity behind each rating; of several followers that of the worst."""
 
 
 @dataclass(frozen=True)
 class RatedWindow:
-    """A window that can be trained on, and what it is worth."""
+    """A window for training with its quality."""
 
     number: int
     """Its place among the windows, from 1."""
@@ -95,13 +95,13 @@ class RatedWindow:
         """The worst that is known of it."""
         if not self.ratings:
             return Grade.POOR
-        known = [Grade.GOOD, Grade.FAIR, Grade.POOR]
-        grades = [rating.grade for rating in self.ratings if rating.grade in known]
-        return max(grades, key=known.index, default=Grade.UNKNOWN)
+        known_grades = [Grade.GOOD, Grade.FAIR, Grade.POOR]
+        grades = [rating.grade for rating in self.ratings if rating.grade in known_grades]
+        return max(grades, key=known_grades.index, default=Grade.UNKNOWN)
 
 
 def figure_of(rating: Rating) -> str:
-    """What an answer counts, with its unit, as "98.3 %"."""
+    """The quantity of a rating with its unit, as "98.3 %"."""
     column, value = FIGURES[rating.question], rating.figure
     if isnan(value):
         return ABSENT
@@ -114,11 +114,12 @@ def figure_of(rating: Rating) -> str:
 
 
 def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
-    """One row a window: its length, what each check counts in it, and whether it is used."""
-    figures = [
-        (column, [_figure(row, place, column) for row in rows])
-        for place, column in enumerate(FIGURES.values())
-    ]
+    """One row a window: length, the quantity of each check, and whether it is used."""
+    figures = list[Filled]()
+    for place, column in enumerate(FIGURES.values()):
+        factor = 100 if column.unit == "%" else 1
+        values = [row.ratings[place].figure if row.ratings else None for row in rows]
+        figures.append((column, [None if v is None else factor * v for v in values]))
     return Table.of(
         f"{source}: windows",
         [
@@ -128,13 +129,6 @@ def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
             (Column("In the training"), ["yes" if row.is_used else "no" for row in rows]),
         ],
     )
-
-
-def _figure(row: RatedWindow, place: int, column: Column) -> Cell:
-    if not row.ratings:
-        return None
-    value = row.ratings[place].figure
-    return 100 * value if column.unit == "%" else value
 
 
 def driver_summary(recording: Recording) -> str:

@@ -1,4 +1,4 @@
-"""What was stated beside what is found now: the paper's tables and figures, and a snapshot.
+"""The paper's tables and figures, printed beside recomputed and learned.
 
 Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
 Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
@@ -14,7 +14,8 @@ import numpy as np
 from accpinn.channels import MAGNITUDE, PARAMETERS
 from accpinn.errors import RecordingError
 from accpinn.findings import joined
-from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.pinn.config import PAPER_PRESETS, PRESETS, QUICK, STARTS, PresetName
+from accpinn.methods.registry import PRESET_METHOD
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import (
     ASTAZERO,
@@ -85,15 +86,15 @@ class PrintedVerdicts:
 
 @dataclass(frozen=True)
 class PrintedRun:
-    """A recording of the OpenACC database, and what the paper took of it."""
+    """A recording of the OpenACC database, with the paper's windows, vehicles and Case."""
 
     campaign: str
     file: str
     windows: tuple[Window, ...]
     vehicles: tuple[int, ...]
     case: Case = "II"
-    preset: str = "fast"
-    """The PiNN's preset that finds what the paper prints, in seconds."""
+    preset: PresetName = QUICK
+    """The preset that finds the printed parameters in seconds."""
 
     def __str__(self) -> str:
         """The recording, windows and vehicles in a line."""
@@ -117,14 +118,14 @@ class PrintedRun:
         return self.campaign, self.file
 
     def analysis(self, recording: Recording) -> Analysis:
-        """The question whose estimate stands beside what is printed."""
+        """The analysis whose estimate stands beside the printed values."""
         return Analysis.of(
             recording,
             self.windows,
             self.vehicles,
             case=self.case,
             model=PAPER,
-            method="pinn",
+            method=PRESET_METHOD.key,
             settings=PRESETS[self.preset],
         )
 
@@ -138,7 +139,7 @@ class Panel:
     """Index of the AstaZero follower."""
     frequency: RadiansPerSecond
     printed: str
-    """What its caption says."""
+    """The printed verdict of its caption."""
 
     def gain(self, parameters: Parameters) -> float:
         """Amplitude of the last follower's speed over the leader's, once the transient is over.
@@ -168,7 +169,7 @@ class Comparison:
     learned: str = ""
     """From the recording."""
     deviation: str = ""
-    """Deviation of what is learned from what is printed, or recomputed where nothing is printed."""
+    """Deviation of the learned values from the printed or else the recomputed ones."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ class PrintedItem:
     title: str
     subject: str
     run: PrintedRun | None = None
-    """What it takes; None where it needs no recording, or its run is not known."""
+    """Its recording, window and vehicles; None where it needs none, or they are not known."""
     sample: str = ""
     """Stem of the synthetic sample that can stand in for the recording; empty for none."""
     verdicts: tuple[PrintedVerdicts, ...] = ()
@@ -209,24 +210,24 @@ class PrintedItem:
                 f"{recording.source}: this is not the run {self.run.campaign}/{self.run.file} of"
                 f" the OpenACC database, which {self.title} takes; download it on page Data."
             )
-        asked = self.run.analysis(recording)
-        return tuple(starts(asked)) if self.starts else (asked,)
+        analysis = self.run.analysis(recording)
+        return tuple(starts(analysis)) if self.starts else (analysis,)
 
     def learned(self, results: Sequence[Result]) -> Parameters | None:
-        """What results learned for the rows printed first; None where none is of its data.
+        """The estimate for the rows printed first; None where no result is of its data.
 
         It is (M,), or one set for all rows, as long as not each row has a result of its own.
         """
-        own = [result.parameters for result in results if item_of(result) is self]
-        if not own:
+        estimates = [result.parameters for result in results if item_of(result) is self]
+        if not estimates:
             return None
         count = len(self.verdicts[0].vehicles)
-        if self.starts and len(own) == count:
-            return Parameters.of(np.concatenate([parameters.everything for parameters in own]))
-        return rows_of(own[-1], count)
+        if self.starts and len(estimates) == count:
+            return Parameters.of(np.concatenate([estimate.everything for estimate in estimates]))
+        return rows_of(estimates[-1], count)
 
     def compared(self, learned: Parameters | None) -> Comparison:
-        """Its first rows beside what is learned for them: the ranges of α, β and τ."""
+        """The first rows beside their estimates: ranges of α, β and τ."""
         printed = self.verdicts[0]
         count = sum(2 * len(part.vehicles) for part in self.verdicts)
         agreeing = sum(part.agreeing for part in self.verdicts)
@@ -290,21 +291,22 @@ BODE, EIGHT = ITEMS[-2:]
 
 def item_of(result: Result) -> PrintedItem | None:
     """The table of the paper whose data, model and method a result has."""
-    asked = result.analysis
-    took = (result.facts.get("campaign"), result.info.source, asked.windows, asked.vehicles)
-    made = asked.spec.model, asked.settings.get("preset")
+    analysis = result.analysis
+    took = (result.facts.get("campaign"), result.info.source, analysis.windows, analysis.vehicles)
+    if analysis.spec.model != PAPER or analysis.settings.get("preset") not in PAPER_PRESETS:
+        return None
     for item in ITEMS:
         run = item.run
-        if not (item.verdicts and run) or made not in ((PAPER, run.preset), (PAPER, "paper")):
+        if not (item.verdicts and run):
             continue
-        is_case = asked.case == run.case or len(run.vehicles) == 2
+        is_case = analysis.case == run.case or len(run.vehicles) == 2
         if is_case and took == (run.campaign, run.file, run.windows, run.vehicles):
             return item
     return None
 
 
 def rows_of(learned: Parameters, count: int) -> Parameters:
-    """What was learned for so many rows of a table; one set for all where it has more rows."""
+    """The estimate for so many rows of a table; one set for all where it has more rows."""
     return learned[: count if len(learned) >= count else 1]
 
 
@@ -312,14 +314,14 @@ def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
     """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
     printed = [part for item in learned for part in item.verdicts]
     agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
-    said = f"{agreeing} of {count} printed verdicts agree"
-    pairs = [(item.verdicts[0], found) for item, found in learned.items() if found is not None]
+    recomputed = f"The printed parameters give {agreeing} of the {count} printed verdicts."
+    pairs = [(item.verdicts[0], row) for item, row in learned.items() if row is not None]
     if not pairs:
-        return f"{said}. Nothing is learned yet."
+        return f"None of {len(learned)} tables learned from its recording yet. {recomputed}"
     off = max(float(np.abs(deviations(*pair)).max()) for pair in pairs)
     what = "all tables" if len(pairs) == len(learned) else f"{len(pairs)} of {len(learned)} tables"
     tick = f"{TICK} " if off <= TOLERANCE and len(pairs) == len(learned) else ""
-    return f"{tick}Learned: {what} within {100 * off:.0f} %. {said}."
+    return f"{tick}Learned: {what} within {100 * off:.0f} %. {recomputed}"
 
 
 def compared_peaks(learned: Parameters | None) -> Comparison:
@@ -343,7 +345,7 @@ def compared_peaks(learned: Parameters | None) -> Comparison:
 
 
 def compared_panels(learned: Parameters | None) -> Comparison:
-    """The four panels: what the captions say, and the amplitude of the eighth follower in m/s.
+    """The four panels: printed verdicts, and the amplitude of the eighth follower in m/s.
 
     The AstaZero followers' learned parameters are (M,). The leader's amplitude is 1 m/s.
     """
@@ -368,7 +370,7 @@ def compared_panels(learned: Parameters | None) -> Comparison:
 
 
 def _largest_peak(vehicles: ParameterSet) -> tuple[float, RadiansPerSecond, str]:
-    """The largest Bode magnitude in dB, where it is, and whose."""
+    """The largest Bode magnitude in dB, its frequency and its vehicle."""
     rows = stability_report(vehicles.parameters).vehicles
     k = max(range(len(rows)), key=lambda k: rows[k].peak.gain)
     return rows[k].peak.db, rows[k].peak.omega, vehicles.labels[k]
@@ -468,7 +470,7 @@ def verification_table(verification: Verification) -> Table:
 
 
 def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
-    """A row a follower: what is printed, what follows from it, and what is learned here.
+    """One row a follower: printed, recomputed and learned values.
 
     Learned parameters are (M,), or one set for all rows. A row has a tick where each parameter lies
     within `TOLERANCE` of the printed one.

@@ -99,8 +99,9 @@ class Strip:
     speed: MetresPerSecond
     """Speed at which the time gap is stated."""
     about: tuple[str, ...]
-    """Method, model, windows, Case, what an estimate without intervals is, and how much more time
-    gap string stability takes."""
+    """Method, model, windows, Case, and what an estimate without intervals is."""
+    lacking: str = ""
+    """How much more time gap string stability takes; empty where it is there."""
 
     def of_places(self, places: Collection[int]) -> "Strip":
         """The strip of some of the vehicles alone, by their index; 0 for the first."""
@@ -127,11 +128,12 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
         point = "" if subject.uncertainty else POINTS
-        about = filter(None, (vehicles.title, *models, point, next_to_stable(subject)))
-        return Strip(rows, leader, SPEEDS[-1], tuple(about))
+        about = tuple(filter(None, (vehicles.title, *models, point)))
+        return Strip(rows, leader, SPEEDS[-1], about, next_to_stable(subject))
     description = description or describe(subject.result)
     rows = tuple(_row(subject, each.place, each) for each in description.followers)
-    return Strip(rows, leader, description.estimate.stated_speed, _about(subject, description))
+    speed, about = description.estimate.stated_speed, _about(subject, description)
+    return Strip(rows, leader, speed, about, next_to_stable(subject))
 
 
 def _about(subject: AssessedVehicles, description: Description) -> tuple[str, ...]:
@@ -143,7 +145,6 @@ def _about(subject: AssessedVehicles, description: Description) -> tuple[str, ..
     parts = (
         name_of(estimate, with_model=False), TITLES[estimate.model], linear,
         f"{windows}, {seconds:,.0f} s", case, about_point(estimate),
-        next_to_stable(subject),
     )  # fmt: skip
     return tuple(filter(None, parts))
 
@@ -191,8 +192,8 @@ def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     l2 = subject.assessed[place].l2
     if l2.assessment == "not determined":
         return Estimated(l2.gain, NOT_DETERMINED)
-    label = subject.vehicles.labels[place]
-    return Estimated(l2.gain, becomes(subject, [place], label, is_headline=True))
+    why = becomes(subject, [place], subject.vehicles.labels[place], is_headline=True)
+    return Estimated(subject.growths[place].gain, why)
 
 
 def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:

@@ -100,7 +100,7 @@ def cut(
     )
     findings: list[SegmentFinding] = []
     window = _fit_window(recording, start, duration, findings)
-    platoon = _platoon(recording, chosen)
+    platoon = platoon_of(recording, chosen)
     source = _source_rows(recording, window)
     findings.extend(_unsound(recording, chosen, source))
     missing_blocks = platoon.missing_among(source)
@@ -181,65 +181,8 @@ def _driven_by_hand(
         yield DrivenByHand(tuple(compress(followers, manual)), tuple(shares[manual].tolist()))
 
 
-def complete_windows(
-    recording: Recording, vehicles: Sequence[int], outside: Sequence[Window] = ()
-) -> tuple[Window, ...]:
-    """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
-
-    They end where the gap of a follower jumps, and do not overlap the windows ``outside``. The
-    vehicles are consecutive numbers, leader first.
-
-    Raises:
-        SegmentError: when the vehicles are no platoon.
-    """
-    pieces = _platoon(recording, check_vehicles(recording, vehicles)).complete()
-    for taken in outside:
-        pieces = tuple(
-            part
-            for piece in pieces
-            for part in (Window(piece.start, min(piece.end, taken.start)),
-                         Window(max(piece.start, taken.end), piece.end))
-            if part.duration >= MINIMUM_DURATION
-        )  # fmt: skip
-    return pieces
-
-
-def first_window(
-    recording: Recording, stretches: Sequence[Window], length: Seconds = DURATION
-) -> Window:
-    """The first complete stretch that is long enough, else the longest one."""
-    length = min(length, recording.duration)
-    usual = Window(0.0, min(length, DURATION))
-    best = max(stretches, key=lambda window: min(window.duration, length), default=usual)
-    return Window(best.start, min(best.end, best.start + length))
-
-
-def disjoint_windows(
-    recording: Recording, duration: Seconds, vehicles: Sequence[int] | None = None
-) -> tuple[Window, ...]:
-    """The complete stretches of a recording, cut into windows of equal length.
-
-    A window ends where the next one begins; the remainder of a stretch is left out. The vehicles
-    are consecutive numbers, leader first; by default see `default_vehicles`.
-
-    Raises:
-        SegmentError: when the vehicles are no platoon, or the duration is too short.
-    """
-    chosen = default_vehicles(recording) if vehicles is None else vehicles
-    if not duration >= MINIMUM_DURATION:
-        raise SegmentError(
-            f"{recording.source}: windows of {duration:g} s are too short to estimate parameters"
-            f" from; take at least {MINIMUM_DURATION:g} s."
-        )
-    return tuple(
-        Window(round(stretch.start + k * duration, 9), round(stretch.start + (k + 1) * duration, 9))
-        for stretch in complete_windows(recording, chosen)
-        for k in range(math.floor((stretch.duration + SLACK) / duration))
-    )
-
-
 @dataclass(frozen=True, eq=False)
-class _Platoon:
+class Platoon:
     """The channels of consecutive vehicles over a whole recording."""
 
     recording: Recording
@@ -289,7 +232,7 @@ class _Platoon:
         return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
 
 
-def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
+def platoon_of(recording: Recording, vehicles: tuple[int, ...]) -> Platoon:
     """Speeds and gaps of the vehicles, missing ones on straight lines."""
     channels = {SPEED.of(number): recording.speed_of(number) for number in vehicles}
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
@@ -302,10 +245,10 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
             length = recording.window(block).duration + recording.sample_time
             long[block.rows] = not enclosed or length > BRIDGE + SLACK
         series[:] = np.interp(time, time[~absent], series[~absent])
-    return _Platoon(recording, tuple(channels), values, missing, unbridged)
+    return Platoon(recording, tuple(channels), values, missing, unbridged)
 
 
-def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> IncompleteWindow:
+def _incomplete(platoon: Platoon, rows: Stretch, missing: BlocksMissing) -> IncompleteWindow:
     """The error about samples that are missing among ``rows``, with complete windows nearby."""
     recording = platoon.recording
     block = max(missing.windows, key=lambda window: window.duration)
@@ -366,7 +309,7 @@ def _source_rows(recording: Recording, window: Window) -> Stretch:
 
 
 def _on_grid(
-    platoon: _Platoon, source: Stretch, window: Window, findings: list[SegmentFinding]
+    platoon: Platoon, source: Stretch, window: Window, findings: list[SegmentFinding]
 ) -> tuple[FloatArray, FloatArray, Mask]:
     """Even instants from 0 (N,), the values there (N, 2M+1), and which of them are missing."""
     recording = platoon.recording

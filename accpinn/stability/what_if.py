@@ -53,14 +53,6 @@ class WhatIf(Displayed):
 
     Raises:
         ParameterError: for a change beyond `LIMITS`, or parameters that no vehicle has.
-
-    Examples:
-        >>> import accpinn
-        >>> car = accpinn.Parameters([0.08], [0.3], [1.2], delay=0.3)
-        >>> accpinn.WhatIf(car).peaks.gain.round(2).tolist()
-        [1.16]
-        >>> accpinn.WhatIf(car, feedforward=0.5, latency=0.1).peaks.gain.round(2).tolist()
-        [1.0]
     """
 
     given: Parameters
@@ -150,6 +142,33 @@ class WhatIf(Displayed):
                 "l2_stable": peaks.gain <= 1.0 + GROWS,
             }
         )
+
+
+def what_if(
+    parameters: Parameters, *, time_gap: Seconds = 0.0, delay: Seconds = 0.0,
+    feedforward: float = 0.0, latency: Seconds = 0.0,
+) -> WhatIf:  # fmt: skip
+    """How vehicles would pass on disturbances with another control, see `WhatIf`.
+
+    Args:
+        parameters: (M,) of a CTHP, or the linearisation of another model.
+        time_gap: in s, added to that of each vehicle.
+        delay: in s, added likewise.
+        feedforward: share of the acceleration of the car ahead that is commanded as well.
+        latency: age of that acceleration in s.
+
+    Raises:
+        ParameterError: for a change beyond any vehicle, or parameters that none has.
+
+    Examples:
+        >>> import accpinn
+        >>> car = accpinn.Parameters([0.08], [0.3], [1.2], delay=0.3)
+        >>> accpinn.what_if(car).peaks.gain.round(2).tolist()
+        [1.16]
+        >>> accpinn.what_if(car, feedforward=0.5, latency=0.1).peaks.gain.round(2).tolist()
+        [1.01]
+    """
+    return WhatIf(parameters, time_gap, delay, feedforward, latency)
 
 
 def response_peaks(parameters: Parameters) -> Peak:

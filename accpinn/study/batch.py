@@ -36,9 +36,10 @@ from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import is_listed_name
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
+from accpinn.segment.windows import LEAST, left_out, plan
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Listing, Sources, left_out, listing_of, plan
+from accpinn.study.plan import Listing, Sources, listing_of
 from accpinn.study.result import result_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate

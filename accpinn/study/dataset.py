@@ -38,6 +38,7 @@ from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.openacc import make_and_model
 from accpinn.segment import Segment
 from accpinn.segment.cut import SLACK, chains, cut
+from accpinn.segment.windows import sound_windows
 from accpinn.stability.margin import NormMargin
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.storage import reported, write_whole
@@ -46,7 +47,7 @@ from accpinn.study.cluster import connected, run_all
 from accpinn.study.groups import BY, Group, Groups, group, read_study
 from accpinn.study.judge import LONGEST_STRETCH, Judgement
 from accpinn.study.judging import Judgements, JudgeProgress, judge_recordings
-from accpinn.study.plan import Sources, listing_of, sound_windows
+from accpinn.study.plan import Sources, listing_of
 from accpinn.study.studies import Failure, read_failures
 from accpinn.units import FloatArray, MetresPerSecond, Quantity, RadiansPerSecond, Seconds
 

@@ -19,7 +19,12 @@ from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.segment import SegmentInfo
 from accpinn.stability.margin import NormMargin
 from accpinn.study.result import Result
-from accpinn.study.vehicles import AssessedVehicle, AssessedVehicles, assessed_vehicles
+from accpinn.study.vehicles import (
+    AssessedVehicle,
+    AssessedVehicles,
+    PeakGrowth,
+    assessed_vehicles,
+)
 from accpinn.units import MetresPerSecond, Quantity
 
 P = ParamSpec("P")
@@ -137,6 +142,11 @@ class FollowerDescription:
     def stability(self) -> AssessedVehicle:
         """Largest gains and verdicts by either norm."""
         return self.vehicles.assessed[self.place]
+
+    @property
+    def growth(self) -> PeakGrowth:
+        """The largest growth behind it: measured, or the model's."""
+        return self.vehicles.growths[self.place]
 
     @property
     def margin(self) -> NormMargin:

@@ -39,9 +39,9 @@ from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import cut, default_vehicles
+from accpinn.segment.windows import car_following
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.study.plan import car_following
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, nanmean
 
 LONGEST: Seconds = 150.0

@@ -30,11 +30,13 @@ from accpinn import __version__
 from accpinn.display import Displayed
 from accpinn.errors import ConfigError, RecordingError, SegmentError
 from accpinn.methods.registry import METHODS, variant_of
-from accpinn.model.registry import fingerprint
+from accpinn.methods.registry import SHIPPED as SHIPPED_METHODS
+from accpinn.model.registry import SHIPPED, fingerprint
 from accpinn.recordings import Facts, Recording, Window, facts_of, unnamed
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.segment.cut import chains
+from accpinn.segment.windows import sound_windows
 from accpinn.serial import dump, restore
 from accpinn.storage import reported, write_whole
 from accpinn.study.cluster import connected, run_all, sentence_of
@@ -53,7 +55,7 @@ from accpinn.study.judge import (
     subjects_of,
     wins,
 )
-from accpinn.study.plan import Sources, listing_of, sound_windows
+from accpinn.study.plan import Sources, listing_of
 from accpinn.study.result import Origin, now, origin
 from accpinn.study.scripts import Script
 from accpinn.study.studies import Failure
@@ -440,16 +442,10 @@ def judge_recordings(
 
 
 def _known_here_alone(keys: Sequence[str], scripts: Sequence[Script]) -> str:
-    """The first key that no script registers and the package does not have; empty for none."""
+    """The first key that neither a script registers nor the package has; empty for none."""
     named = {name for script in scripts for name in script.names()}
-
-    def is_of_package(key: str) -> bool:
-        method = candidate(key).method
-        return METHODS[variant_of(method)[0]].run.__module__.startswith("accpinn.") if (
-            method
-        ) else not fingerprint(key)  # fmt: skip
-
-    return next((key for key in keys if key not in named and not is_of_package(key)), "")
+    named |= {f"{name}-{term}" for name in named for term in ("lag", "delay")}
+    return next((key for key in keys if key not in named | SHIPPED | SHIPPED_METHODS), "")
 
 
 Found = Follower | Failure

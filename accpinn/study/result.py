@@ -25,7 +25,7 @@ from accpinn.evaluation import Evaluation, cross_validate, evaluate
 from accpinn.evaluation.closed_loop import ClosedLoop, closed_loop
 from accpinn.findings import Finding
 from accpinn.inference.coordinates import AT_SPEED, coordinates_of
-from accpinn.inference.gain_check import GainCheck, gain_checks, platoon_check
+from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws
 from accpinn.inference.measured_growth import Growth, growth_along
@@ -265,15 +265,6 @@ class Result(Displayed):
     def gain_checks(self) -> tuple[GainCheck, ...]:
         """The estimate's |H| beside the measured gain; empty for a point."""
         return gain_checks(self.segments, self.uncertainty) if self.uncertainty else ()
-
-    @cached_property
-    def platoon_check(self) -> GainCheck | None:
-        """The product of the cars' |H| beside the gain from the leader to the last of them.
-
-        None for a point, for one follower, and where a follower is not determined.
-        """
-        known = self.uncertainty
-        return platoon_check(self.segments, known) if known and self.segments else None
 
     @cached_property
     def measured_gains(self) -> tuple[MeasuredGain | None, ...]:

@@ -116,7 +116,7 @@ class Entry:
     """Those of the followers, in s at ``speed``, with intervals; all nan where one has none. One
     alone where all share their parameters; so are the next."""
     growths: tuple[Quantity, ...] = ()
-    """max |H| of each; all nan where it is not determined."""
+    """The largest growth behind each, measured or max |H|; all nan where it is not determined."""
     speed: MetresPerSecond = 0.0
     fault: str = ""
     """Why it cannot be read; empty where it can."""
@@ -146,7 +146,7 @@ class Entry:
             lower=_rows(ends.lower) if ends else (),
             upper=_rows(ends.upper) if ends else (),
             time_gaps=tuple(Quantity(gap.value, gap.lower, gap.upper) for gap in gaps),
-            growths=tuple(follower.stability.l2.gain for follower in description.followers),
+            growths=tuple(follower.growth.gain for follower in description.followers),
             speed=estimate.stated_speed,
         )
 

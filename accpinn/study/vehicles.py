@@ -14,7 +14,9 @@ import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import LEVEL, Interval, Uncertainty, from_draws, growth
+from accpinn.inference.intervals import LEVEL, Interval, Uncertainty, from_draws
+from accpinn.inference.intervals import growth as growth_band
+from accpinn.inference.measured_growth import Growth, different, growth_along
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -44,6 +46,19 @@ from accpinn.units import (
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
+
+
+@dataclass(frozen=True)
+class PeakGrowth:
+    """The largest gain from the speed ahead of some cars in a row to that of the last of them."""
+
+    gain: Quantity
+    """At least 1; the measured one where the recording holds it, else the model's."""
+    omega: RadiansPerSecond
+    """0 where no frequency is amplified."""
+    model: float
+    """The model's largest gain."""
+    is_measured: bool
 
 
 @dataclass(frozen=True)
@@ -225,11 +240,74 @@ class AssessedVehicles:
         """
         if self.uncertainty is None:
             return None
-        lower, upper = growth(self.uncertainty, tuple(order), omega)
+        lower, upper = growth_band(self.uncertainty, tuple(order), omega)
         platoon = self.vehicles.parameters[[*order]]
         at = head_to_tail_peaks(platoon).omega[-1] if omega is None else omega
         gain = np.abs(response(platoon, np.array([at]))).prod()
         return Quantity(float(gain), lower, upper) if np.isfinite(lower) else None
+
+    def measured_growth(self, order: Sequence[int]) -> Growth | None:
+        """The growth along a platoon, by index of each of its vehicles, as far as it was measured.
+
+        None where no vehicle was recorded or its posterior is not known, and at another speed than
+        the recorded one.
+        """
+        if self.speed is not None or self.uncertainty is None:
+            return None
+        if self.result:
+            is_shared = self.result.info.shares(self.result.estimate.case)
+            if is_shared and len(order) == 1:  # one parameter set stands for all followers
+                return None
+            return self.result.measured_growth(tuple(order))
+        if not self.cars:
+            return None
+        cars = [self.cars[k] for k in order]
+        gains = [
+            result.measured_gains[place] if result.segments else None for result, place in cars
+        ]
+        return growth_along(gains, self.vehicles.parameters[[*order]])
+
+    @cached_property
+    def growths(self) -> tuple[PeakGrowth, ...]:
+        """(M,) the largest growth behind each vehicle alone."""
+        peaks = [v.stability.peak.omega if v.stability else 0.0 for v in self.assessed]
+        return tuple(
+            self._peak_growth([k], vehicle.l2.gain, omega)
+            for k, (vehicle, omega) in enumerate(zip(self.assessed, peaks, strict=True))
+        )
+
+    @cached_property
+    def platoon_growth(self) -> PeakGrowth:
+        """The largest growth from the leader to the last of all vehicles.
+
+        Raises:
+            ParameterError: where the parameters of one allow none.
+        """
+        order, known = tuple(range(len(self.vehicles))), self.uncertainty
+        peak = self.report.platoon.peaks[-1]
+        ends = growth_band(known, order) if known else (nan, nan)
+        return self._peak_growth(order, Quantity(peak.gain, *ends), peak.omega)
+
+    def _peak_growth(
+        self, order: Sequence[int], model: Quantity, omega: RadiansPerSecond
+    ) -> PeakGrowth:
+        """The measured largest growth along some vehicles, or that of their models."""
+        growth = self.measured_growth(order)
+        if growth and growth.is_peak_measured:
+            return PeakGrowth(growth.peak, growth.peak_omega, model.value, True)
+        return PeakGrowth(model, omega, model.value, False)
+
+    @cached_property
+    def platoon_difference(self) -> float:
+        """The share of the frequencies at which the measured platoon differs from its cars' models.
+
+        It is nan where there is nothing to compare.
+        """
+        order = range(len(self.vehicles))
+        growth = self.measured_growth(order)
+        if growth is None or self.uncertainty is None or len(order) < 2:
+            return np.nan
+        return different(growth, self.uncertainty, order)
 
     def at_speed(self, speed: MetresPerSecond) -> "AssessedVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.

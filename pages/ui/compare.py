@@ -13,6 +13,7 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods import Segments
 from accpinn.methods.estimate import ParameterTrack, of_window
+from accpinn.methods.pinn.config import QUICK
 from accpinn.methods.registry import COMPARED
 from accpinn.methods.state_space import EXTRA
 from accpinn.model import registry
@@ -39,7 +40,7 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 ONLINE = "α, β, τ by the online methods"
-"""What is drawn over time in place of one method's curves."""
+"""Choice of the online methods' tracks in place of one method's curves."""
 VIEWS = {"methods": "Methods of estimation", "models": "Car-following models"}
 MOST = 8
 """Earlier estimates over the chart at once."""
@@ -47,7 +48,7 @@ MOST = 8
 
 @dataclass(eq=False)
 class _Shown:
-    """What the parts of the page are about."""
+    """Data, results and follower that the parts of the page show."""
 
     workspace: Workspace
     data: Segments
@@ -58,7 +59,7 @@ class _Shown:
     """0 for the first."""
 
     def __post_init__(self) -> None:
-        """What follows for the follower: number, colour and truth; file names begin with `stem`."""
+        """Derive the follower's number, colour and truth, and the `stem` of file names."""
         truth, vehicles = self.workspace.true_parameters, self.data[0].vehicles
         self.segment = self.data[0]
         self.stem = Path(self.segment.source).stem
@@ -71,8 +72,8 @@ class _Shown:
     def adequacy(self) -> Adequacy:
         """The forms of the model, by the comparison or by its first row."""
         task = self.workspace.comparison
-        found = (part for part in (task.results if task else ()) if isinstance(part, Adequacy))
-        return next(found, None) or self.rows[0].adequacy
+        forms = (part for part in (task.results if task else ()) if isinstance(part, Adequacy))
+        return next(forms, None) or self.rows[0].adequacy
 
 
 def show_page(workspace: Workspace) -> None:
@@ -92,7 +93,7 @@ def show_page(workspace: Workspace) -> None:
         models.show_models(workspace, about)
         return
     windows = [segment.window for segment in data]
-    about.caption(frame.segment_line(data[0], workspace.asked.case, windows))
+    about.caption(frame.segment_line(data[0], workspace.selection.case, windows))
     with place:
         _show_start(workspace, data)
     if task:
@@ -123,7 +124,7 @@ def _show_start(workspace: Workspace, data: Segments) -> None:
 
 
 def _show_before(workspace: Workspace) -> None:
-    """What a comparison will show, before there is one."""
+    """The text of the page before a comparison."""
     training = workspace.training
     if training and training.is_active:
         first = own_task_line(training, training.time_left)
@@ -135,7 +136,7 @@ def _show_before(workspace: Workspace) -> None:
 
 
 def _show(workspace: Workspace, data: Segments, running: bool) -> None:
-    """The rows so far; what takes a choice or a while only comes once all have ended."""
+    """The rows so far; choices and longer computations come once all methods have ended."""
     task, rows = workspace.comparison, workspace.compared
     if running:
         if rows:
@@ -194,10 +195,17 @@ def _show_numbers(shown: _Shown) -> None:
 
 
 def _show_errors(shown: _Shown) -> None:
-    """Each method's errors, and what happens in simulation by its parameters."""
+    """Each method's errors with their scale, and the events of its simulation."""
     of = shown.rows, shown.follower, shown.recommended
     show.table(tables.compared_errors_table(*of))
-    st.caption(_about_errors(shown))
+    gap = np.concatenate([part.measured_gaps[:, shown.follower] for part in shown.data])
+    is_partial = not all(row.evaluation.blocks for row in shown.rows)
+    st.caption(
+        "For scale, the mean absolute deviation of the measured space-gap is"
+        f" {nanmean(abs(gap - nanmean(gap))):.2f} m. {GAP_ERROR}"
+        + " Hold-out is not computed for your own training."
+        * is_partial
+    )
     _show_collisions(shown)
 
 
@@ -234,17 +242,6 @@ def _show_failures(failures: Sequence[Refused]) -> None:
     show.messages(sentences, "warning")
 
 
-def _about_errors(shown: _Shown) -> str:
-    """What the errors of the methods mean, and how much the gap itself varies."""
-    is_partial = not all(row.evaluation.blocks for row in shown.rows)
-    gap = np.concatenate([part.measured_gaps[:, shown.follower] for part in shown.data])
-    return (
-        "For scale, the mean absolute deviation of the measured space-gap is"
-        f" {nanmean(abs(gap - nanmean(gap))):.2f} m. {GAP_ERROR}"
-        + (" Hold-out is not computed for your own training." * is_partial)
-    )
-
-
 def _show_course(shown: _Shown) -> None:
     """One method's curves against the data, or the parameters over time of the online methods."""
     by_name = {name_of(row.estimate): row for row in shown.rows}
@@ -268,20 +265,20 @@ def _show_course(shown: _Shown) -> None:
 
 def _choose_earlier(shown: _Shown) -> list[figures.Row]:
     """Earlier estimates of the session to lay over the chart."""
-    known: dict[str, figures.Row] = {}
+    rows: dict[str, figures.Row] = {}
     for row in reversed(shown.workspace.earlier):
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
-            title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = figures.row_of(row, follower)._replace(name=title)
-    if not known:
+            title = f"{len(rows) + 1}. {tables.earlier_title(row)}"
+            rows[title] = figures.row_of(row, follower)._replace(name=title)
+    if not rows:
         return []
     with st.popover("Earlier estimates", icon=":material/history:"):
         chosen = st.multiselect(
-            "Earlier estimates to lay over the chart", list(known), key="compare_earlier",
-            max_selections=MOST, placeholder=f"{len(known)} kept",
+            "Earlier estimates to lay over the chart", list(rows), key="compare_earlier",
+            max_selections=MOST, placeholder=f"{len(rows)} kept",
         )  # fmt: skip
-    return [known[name] for name in chosen if name in known]
+    return [rows[name] for name in chosen if name in rows]
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
@@ -349,11 +346,11 @@ def _show_adequacy(shown: _Shown) -> None:
 
 
 def _show_residual(shown: _Shown, row: Result) -> None:
-    """What the model leaves unexplained: its memory, and what it has to do with the car ahead."""
-    found = residual_correlations(shown.segment, row.estimate, shown.follower)
-    if found is None:
+    """The residual's correlation with its past and with the car ahead."""
+    correlograms = residual_correlations(shown.segment, row.estimate, shown.follower)
+    if correlograms is None:
         return
-    show.chart(figures.residual(found, shown.colour), "compare_residual")
+    show.chart(figures.residual(correlograms, shown.colour), "compare_residual")
     show.caption(
         f"Residual of dv/dt by {name_of(row.estimate)}. Dashed: by chance alone,"
         f" {100 * CONFIDENCE:.0f} % of the bars lie between.",
@@ -364,14 +361,14 @@ def _show_residual(shown: _Shown, row: Result) -> None:
 
 
 def _show_disturbance(shown: _Shown, row: Result) -> None:
-    """What moves the vehicle beside the model's equation, below the data."""
+    """The estimated disturbance of the model's equation below the data."""
     values = of_window(row.estimate.arrays, 0).get("disturbance")
     if values is None:
         return
     figure = tracking(shown.segment, shown.follower, disturbance=values)
     show.chart(figure, "compare_disturbance")
-    said = " ".join(about_curves(row, shown.follower))
-    st.caption(f"{escape_markdown(said)} Shown is its most probable course, given all data.")
+    sentences = " ".join(about_curves(row, shown.follower))
+    st.caption(f"{escape_markdown(sentences)} Shown is its most probable course, given all data.")
 
 
 def _show_repeatability(shown: _Shown) -> None:
@@ -387,7 +384,7 @@ def _show_starts(shown: _Shown) -> None:
         stop_button(task, "Stop the starts", "compare_stop_starts")
     else:
         with st.container(horizontal=True, vertical_alignment="center"):
-            preset = segments("Preset of the starts", TITLE_OF, "fast", "compare_preset", workspace)
+            preset = segments("Preset of the starts", TITLE_OF, QUICK, "compare_preset", workspace)
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
                 workspace.train_starts(preset)
                 st.rerun()

@@ -6,6 +6,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.methods.pinn.config import DEFAULT
 from accpinn.model.published import PUBLISHED
 from accpinn.recordings import files
 from accpinn.results.figures.recording import speeds_thumbnail
@@ -17,14 +18,15 @@ from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, ask, drop_zone, open_file
 from pages.ui.reproduction import button
 from pages.ui.session.resources import FIRST_SAMPLE, sample_title, samples
-from pages.ui.session.sessions import Shown, go_on, recent_sessions, results_to_see
+from pages.ui.session.saved import results_to_see
+from pages.ui.session.sessions import Shown, go_on, recent_sessions
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_runs
 
 CARDS = 5
 """In a row."""
 IN_SIDEBAR = ("**Window**", "**Without**")
-"""How lines of the session's state begin that the sidebar alone says."""
+"""Beginnings of the lines of the session's state that only the sidebar shows."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -62,12 +64,12 @@ def show_page(workspace: Workspace) -> None:
 
 
 def _show_open(workspace: Workspace) -> None:
-    """What this session has open, and the way back to it."""
+    """The open recording or result of this session, and the way back to it."""
     has_result = bool(workspace.training or workspace.restored)
     with st.container(horizontal=True, vertical_alignment="center", key="home_open"):
         brief = (line for line in frame.session_state(workspace) if not line.startswith(IN_SIDEBAR))
-        said = " · ".join(brief)
-        st.markdown(f":material/folder_open: {said}", width="content")
+        line = " · ".join(brief)
+        st.markdown(f":material/folder_open: {line}", width="content")
         label = "Back to the result" if has_result else "Back to the recording"
         frame.link(frame.TRAIN if has_result else frame.DATA, label, workspace)
 
@@ -92,7 +94,7 @@ def _ways_in(workspace: Workspace, is_first: bool) -> None:
         button(
             workspace, "Train a sample now", frame.TRAIN, "home_train", width="stretch",
             type="primary" if is_first else "secondary", icon="play_arrow",
-            act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, "calibrated"),
+            act=lambda: reproduction.train_sample(workspace, FIRST_SAMPLE, DEFAULT),
             help="Opens the first sample, three synthetic followers on a motorway, and trains on"
             " its windows in car-following by the recommended method; the result comes within"
             " seconds.",

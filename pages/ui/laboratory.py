@@ -46,8 +46,8 @@ def show_laboratory(workspace: Workspace, source: AssessedVehicles) -> AssessedV
     """
     shown = source
     with st.container(horizontal=True, vertical_alignment="center"):
-        said = escape_markdown(words.most_amplifying(source))
-        st.markdown(f"##### {said}", width="stretch")
+        sentence = escape_markdown(words.most_amplifying(source))
+        st.markdown(f"##### {sentence}", width="stretch")
         if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the response and of the model beside the measured gain, and posterior"
@@ -141,7 +141,7 @@ def platoon_names(source: AssessedVehicles) -> dict[int, str]:
 
 
 def _choose_platoon(workspace: Workspace, source: AssessedVehicles) -> int:
-    """The index of the vehicle that is repeated, or `WHOLE`; by default what amplifies most."""
+    """The index of the vehicle that is repeated, or `WHOLE`; by default the most amplifying one."""
     usual = most_amplifying(source)
     if len(source.vehicles) == 1:
         return usual

@@ -1,4 +1,4 @@
-"""The part of page Compare that asks which car-following model describes this car."""
+"""The part of page Compare that judges car-following models on each car."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,15 +36,15 @@ ABOUT = (
 
 
 def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
-    """The question, its work, and what is found of each follower; ``about`` names the data."""
+    """Start or watch the judgement and show it for each follower; ``about`` names the data."""
     task = workspace.judgement
     if workspace.recording is None:
         show_judged(workspace, workspace.judgements)
         recording_needed(workspace, "To compare models, the page needs")
         return
     subjects = workspace.subjects
-    every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
-    windows = " or ".join(frame.in_words(parts[0], parts) for parts in every)
+    choices = dict.fromkeys(tuple(part.window for part in subject.windows) for subject in subjects)
+    windows = " or ".join(frame.in_words(parts[0], parts) for parts in choices)
     about.caption(
         escape_markdown(f"{workspace.recording.source} · {windows}, each window left out once"),
         help=LEAD,
@@ -64,7 +64,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
                 **kept(workspace, "models_chosen", list(JUDGED), default="default"),
             )  # fmt: skip
             share = _parameters(chosen) / _parameters(JUDGED)
-            seconds = seconds_of(sum(len(one.windows) for one in subjects))
+            seconds = seconds_of(sum(len(subject.windows) for subject in subjects))
             takes = show.format_duration(share * seconds)
             start = st.button(
                 f"Compare {len(chosen)} models (about {takes})", key="models_run",
@@ -86,7 +86,7 @@ def _parameters(models: Sequence[str]) -> int:
 
 
 def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
-    """What is found of each follower; what takes a choice once all models are judged."""
+    """The comparison of each follower; a choice of models once all are judged."""
     if not judged:
         return
     if polled:
@@ -105,7 +105,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     if workspace.recording:
         _choose_models(workspace, judged)
     with st.container(horizontal=True, vertical_alignment="bottom"):
-        labels = [one.info.labels[1] for one in judged]
+        labels = [judgement.info.labels[1] for judgement in judged]
         car = judged[pick(workspace, labels, "models_follower")]
         low, middle, high = car.speeds
         speed = show.choose_speed(
@@ -117,15 +117,19 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
 
 
 def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
-    """The model of each car, and what comes of it: cars of several results as one platoon."""
+    """Choose a model for each car and combine the cars of several results into one platoon."""
     chosen: dict[int, str] = {}
     with st.container(horizontal=True, vertical_alignment="bottom", key="models_cars_chosen"):
-        for one in judged:
-            number, ranked = one.info.vehicles[1], one.ranked
+        for judgement in judged:
+            number, ranked = judgement.info.vehicles[1], judgement.ranked
+            options = dict[str, str]()
+            for score in ranked:
+                words = brief(score.key)
+                name = f"CTHP {words}" if words.startswith("with ") else words
+                options[score.key] = f"{name}, {score.typical_rmse:.2f} m"
             chosen[number] = select(
-                one.info.labels[1],
-                {score.key: f"{_short(score.key)}, {score.typical_rmse:.2f} m" for score in ranked},
-                ranked[0].key, f"models_of_{number}", workspace, width=250,
+                judgement.info.labels[1], options, ranked[0].key, f"models_of_{number}",
+                workspace, width=250,
                 help="The model with the least error first. Two errors may differ by chance: see"
                 " the numbers below.",
             )  # fmt: skip
@@ -148,24 +152,17 @@ def _choose_models(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     elif cars := cars_of(workspace):
         for task in workspace.cars.values():
             show.messages(task.error, "error")
-        show_strip(strip_of(of_several(cars)), next_step=lambda: _show_next(workspace))
+
+        def show_next() -> None:
+            frame.link(frame.STABILITY, "Next: string stability", workspace)
+            frame.link(frame.PLATOON, "Platoon", workspace)
+
+        show_strip(strip_of(of_several(cars)), next_step=show_next)
 
 
-def _short(model: str) -> str:
-    """A model's name that fits a narrow field."""
-    words = brief(model)
-    return f"CTHP {words}" if words.startswith("with ") else words
-
-
-def _show_next(workspace: Workspace) -> None:
-    """The ways on with cars of several results."""
-    frame.link(frame.STABILITY, "Next: string stability", workspace)
-    frame.link(frame.PLATOON, "Platoon", workspace)
-
-
-def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond) -> None:
+def _show_follower(workspace: Workspace, judgement: Judgement, speed: MetresPerSecond) -> None:
     """The details of one car."""
-    table, stem = judged_table(one, speed), Path(one.info.source).stem
+    table, stem = judged_table(judgement, speed), Path(judgement.info.source).stem
 
     def show_numbers() -> None:
         show.table(table)
@@ -173,8 +170,8 @@ def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond)
         show.downloads(table, f"{stem}_models", "models")
 
     def show_speeds() -> None:
-        low, _, high = one.speeds
-        figure = figures.peak_over_speed(figures.followers_of(one), (low, high), speed)
+        low, _, high = judgement.speeds
+        figure = figures.peak_over_speed(figures.followers_of(judgement), (low, high), speed)
         show.chart(figure, "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
@@ -182,13 +179,13 @@ def _show_follower(workspace: Workspace, one: Judgement, speed: MetresPerSecond)
         )
 
     def show_parameters() -> None:
-        parameters = model_parameters_table(one)
+        parameters = model_parameters_table(judgement)
         show.table(parameters)
         show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
 
     tabs(workspace, "models_tabs", {
         "Numbers": show_numbers,
-        "Windows": lambda: show.chart(figures.errors_by_window(one), "models_errors"),
+        "Windows": lambda: show.chart(figures.errors_by_window(judgement), "models_errors"),
         "Peak over speed": show_speeds,
         "Parameters": show_parameters,
     })  # fmt: skip

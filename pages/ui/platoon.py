@@ -29,7 +29,6 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.vehicles import AssessedVehicles
-from accpinn.units import Quantity
 from pages.ui.components import browser, frame, show
 from pages.ui.components.parameter_picker import EXAMPLE, SHOWN, choose_parameters
 from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
@@ -73,7 +72,7 @@ LABELS = {
     "settle": ("Starts at [s]", 5.0, "When the disturbance begins."),
     "duration": ("Duration [s]", 50.0, "Of the whole run."),
 }
-"""Each setting's label, the step of its buttons, and what it is."""
+"""Label, step and explanation of each setting."""
 FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
 
@@ -97,7 +96,7 @@ def show_page(workspace: Workspace) -> None:
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
     with row:
         view = _choose_view(workspace, run, recorded)
-    _show_run(run, cast, words.growth_of(source, cast, run))
+    _show_run(run, cast, source)
     _show_charts(run, cast, view, themselves)
     _show_strip(workspace, source, run, cast, recorded)
     tabs(workspace, "platoon", {
@@ -126,9 +125,13 @@ def open_eight(workspace: Workspace, vehicles: ParameterSet, which: int, omega: 
     })  # fmt: skip
 
 
-def _show_run(run: PlatoonRun, cast: Cast, growth: Quantity | None) -> None:
+def _show_run(run: PlatoonRun, cast: Cast, source: AssessedVehicles) -> None:
     """The disturbance's growth in a sentence, and further findings."""
-    sentence = words.disturbance(run, cast, growth).replace(" %", "\N{NO-BREAK SPACE}%")
+    parts = (
+        words.disturbance(run, cast, words.growth_of(source, cast, run)),
+        words.measured_growth(source, cast, run),
+    )
+    sentence = " ".join(filter(None, parts)).replace(" %", "\N{NO-BREAK SPACE}%")
     st.markdown(f"**{escape_markdown(sentence)}**")
     # The line above names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
@@ -156,8 +159,8 @@ def _show_details(
     """The simulation in sentences: who drives, by which parameters, and how far that is known."""
     chosen, driving = source.vehicles, sorted({*cast.order})
     st.markdown(f"##### {escape_markdown(source.origin)}")
-    said = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
-    details = " ".join(filter(None, said))
+    sentences = not_acc(chosen, driving), words.smallest_gap(run, cast), words.by_linearisation(run)
+    details = " ".join(filter(None, sentences))
     if recorded:
         leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
         details = (
@@ -166,11 +169,11 @@ def _show_details(
             " page Stability."
             f" {details}"
         )
-    there, speed = source, run.leader.speed
+    at_speed, speed = source, run.leader.speed
     if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
-        there = source.at_speed(speed)
-    if there.uncertainty:
-        odds = probabilities(chosen, there.uncertainty, driving)
+        at_speed = source.at_speed(speed)
+    if at_speed.uncertainty:
+        odds = probabilities(chosen, at_speed.uncertainty, driving)
         by = SEVERAL if source.cars else "Simulated with the estimated parameters."
         details += f" {by} {odds}"
     elif not source.result:
@@ -181,7 +184,7 @@ def _show_details(
 
 @dataclass(frozen=True)
 class View:
-    """What the charts show of a run."""
+    """The part and the lines of a run in the charts."""
 
     seen_from: figures.View
     is_whole: bool
@@ -193,7 +196,7 @@ class View:
 
 
 def _choose_view(workspace: Workspace, run: PlatoonRun, recorded: Segment | None) -> View:
-    """What the charts show, behind a button of the row."""
+    """The choice of part and lines, behind a button of the row."""
     measured, linear, is_whole = recorded, run.linear, False
     with st.popover("View", icon=":material/visibility:"):
         if recorded:
@@ -278,8 +281,8 @@ def _choose_order(
         "Followers, first to last", **bound("platoon_own", text, workspace.keep("platoon_own")),
         help="Numbers and ranges: 1-3, 2, 2", width=200,
     )  # fmt: skip
-    said = (f"{k} = {escape_markdown(label)}" for k, label in enumerate(chosen.labels, 1))
-    numbers.caption(" · ".join(said))
+    legend = (f"{k} = {escape_markdown(label)}" for k, label in enumerate(chosen.labels, 1))
+    numbers.caption(" · ".join(legend))
     return parse_order(text, len(chosen))
 
 
@@ -303,8 +306,8 @@ def parse_order(text: str, count: int) -> list[int]:
 
 def _windows(workspace: Workspace, source: AssessedVehicles) -> list[Segment]:
     """Those of the estimate, else the open one, in which all of the leader's speed is known."""
-    own = source.result.segments if source.result else ()
-    windows = own or filter(None, (workspace.segment,))
+    segments_of_result = source.result.segments if source.result else ()
+    windows = segments_of_result or filter(None, (workspace.segment,))
     return [
         segment
         for segment in windows

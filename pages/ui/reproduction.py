@@ -18,7 +18,7 @@ import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.findings import joined
-from accpinn.methods.pinn.config import PresetName
+from accpinn.methods.pinn.config import PAPER_PRESETS, QUICK, PresetName
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO, ParameterSet
 from accpinn.model.registry import PAPER
@@ -42,7 +42,7 @@ from pages.ui.session.resources import SAMPLES
 from pages.ui.session.workspace import Workspace
 
 TABLES = {item: item.run for item in paper.ITEMS if item.run and item.verdicts}
-"""Tables I to III, and what each takes."""
+"""Tables I to III, with the run of each."""
 TABLE_III = [*TABLES][-1]
 """The paper's figures are drawn from its parameters."""
 CITATION = "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024."
@@ -51,7 +51,7 @@ SECONDS: Seconds = 1.5
 BODE_HEIGHT, PANEL_HEIGHT, THUMBNAIL_HEIGHT = 250, 142, 56
 """Heights in pixels, with which figures and tables stand above the fold."""
 PRINTED_PARAMETERS = f"{paper.PRINTED}: {', '.join(q.symbol for q in PARAMETERS)}"
-"""Heading of what a table prints."""
+"""Heading of the printed parameters."""
 ROW_WIDTHS = (0.75, 1.1, 4.5)
 """Widths of a row's picture, name and cells."""
 _LETTER = re.compile(r"\b([a-d]) (?=[\d+−a-z])")
@@ -81,7 +81,7 @@ def show_page(workspace: Workspace) -> None:
 
 
 def _show_task(workspace: Workspace, verdict: str) -> None:
-    """The button that trains what all tables take, the verdict so far, and what is not at hand."""
+    """The button that trains for all tables, the state so far, and missing recordings."""
     task = workspace.reproduction
     parts, missing = _trainings(workspace)
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -110,19 +110,19 @@ def _show_task(workspace: Workspace, verdict: str) -> None:
 
 
 def _trainings(workspace: Workspace) -> tuple[list[Part], dict[tuple[str, str], list[str]]]:
-    """What the recordings at hand allow; campaign and file of those missing, and whose they are."""
+    """Trainings that the recordings at hand allow, and the tables of each missing recording."""
     parts, missing = list[Part](), dict[tuple[str, str], list[str]]()
     for item, run in TABLES.items():
         place = place_of_run(workspace, *run.place)
         if place is None:
             missing.setdefault(run.place, []).append(item.title)
             continue
-        asked = cache(partial(_asked, item, place))
+        analyses = cache(partial(_asked, item, place))
         for k in range(item.trainings):
             parts.append(
                 Part(
                     f"{item.title}, start {k + 1}" if item.starts else item.title,
-                    partial(_nth, asked, k),
+                    partial(_nth, analyses, k),
                     SECONDS * (len(run.vehicles) - 1),
                     is_listed=not k,
                 )
@@ -131,7 +131,7 @@ def _trainings(workspace: Workspace) -> tuple[list[Part], dict[tuple[str, str], 
 
 
 def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analysis, Recording]]:
-    """The questions of a table, and the recording that they are asked of.
+    """The analyses of a table with their recording.
 
     Raises:
         RecordingError: where the file cannot be read, or is not the paper's.
@@ -141,10 +141,10 @@ def _asked(item: paper.PrintedItem, place: Recording | Path) -> list[tuple[Analy
 
 
 def _nth(
-    asked: Callable[[], list[tuple[Analysis, Recording]]], k: int
+    analyses: Callable[[], list[tuple[Analysis, Recording]]], k: int
 ) -> tuple[Analysis, Recording]:
-    """One question of several, which are not asked before its turn comes."""
-    return asked()[k]
+    """One analysis of several; the recording is read when its turn comes."""
+    return analyses()[k]
 
 
 def _show_missing(campaign: str, file: str, titles: list[str]) -> None:
@@ -156,8 +156,8 @@ def _show_missing(campaign: str, file: str, titles: list[str]) -> None:
         st.session_state[frame.TURN] = frame.DATA
 
     with st.container(horizontal=True, vertical_alignment="center"):
-        said = f"{_tables(titles)} {campaign}/{file}, which is not on this server."
-        st.markdown(f":orange[:material/database:] {escape_markdown(said)}", width="content")
+        need = f"{_tables(titles)} {campaign}/{file}, which is not on this server."
+        st.markdown(f":orange[:material/database:] {escape_markdown(need)}", width="content")
         st.button(
             "Download it on Data", key=f"paper_get_{show.stem_of(file)}", type="tertiary",
             icon=":material/download:", on_click=choose,
@@ -173,7 +173,7 @@ def _tables(titles: list[str]) -> str:
 
 
 def _show_figures(learned: Parameters | None) -> None:
-    """Both Bode plots, with what the text says of them, and the four panels on one scale."""
+    """Both Bode plots with the text's values, and the four panels on one scale."""
     left, right = st.columns(2, gap="medium")
     with left:
         with st.container(horizontal=True, vertical_alignment="center"):
@@ -208,7 +208,7 @@ def _show_headings() -> None:
 
 
 def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go.Figure) -> None:
-    """An item: its picture and its name, and what is printed, recomputed, learned and between."""
+    """A row of an item: picture, name, printed, recomputed and learned values, deviation."""
     with st.container(key=f"paper_{_key(item)}"):
         thumbnail, name, cells = st.columns(ROW_WIDTHS, vertical_alignment="center")
         with thumbnail:
@@ -227,12 +227,12 @@ def _show_row(item: paper.PrintedItem, comparison: paper.Comparison, picture: go
 
 def _unbroken(text: str) -> str:
     """A cell for a web page, in which no line breaks behind a letter or within a range."""
-    kept = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
-    return kept.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
+    unbroken = _LETTER.sub("\\1\N{NO-BREAK SPACE}", html.escape(text))
+    return unbroken.replace("–", "\N{WORD JOINER}–\N{WORD JOINER}")
 
 
 def _learned(workspace: Workspace, item: paper.PrintedItem) -> Parameters | None:
-    """What this session learned last for the first rows of a table; None before."""
+    """The latest estimate of this session for the first rows of a table; None before one."""
     task = workspace.reproduction
     learned = item.learned(task.results) if task else None
     runs = runs_of(workspace, item.run) if item.run and learned is None else []
@@ -281,7 +281,7 @@ def _show_items(workspace: Workspace) -> None:
 
 
 def open_table(workspace: Workspace, run: paper.PrintedRun) -> None:
-    """Choose of the open recording what a table takes, and the preset that gives it."""
+    """Select a table's windows, vehicles and preset in the open recording."""
     if workspace.recording:
         workspace.choose_all(run.analysis(workspace.recording))
         workspace.choices.pop("train_tabs", None)  # the first has the table
@@ -312,7 +312,7 @@ def table_buttons(workspace: Workspace, place: str) -> None:
 
 
 def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
-    """What leads to an item: a sample's training, its recording, its parameters, or the panels."""
+    """The buttons of an item: train a sample, open its recording, its parameters, or the panels."""
     path, run, key = SAMPLES / f"{item.sample}.csv", item.run, _key(item)
     if item.starts:
         button(
@@ -324,7 +324,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
     elif item.sample:
         button(
             workspace, "Train the sample", frame.TRAIN, f"paper_{key}_sample", icon="play_arrow",
-            act=lambda: train_sample(workspace, path, "fast", run.case if run else None),
+            act=lambda: train_sample(workspace, path, QUICK, run.case if run else None),
             help="Opens the synthetic recording made from the printed parameters, and trains on"
             " it.",
         )  # fmt: skip
@@ -363,7 +363,7 @@ def button(
     workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
     act: Callable[[], object] = lambda: None, **look: Any,
 ) -> None:  # fmt: skip
-    """A button that does something and turns to a page; refused, it says why."""
+    """A button that acts and turns to a page, or reports why it was refused."""
     picture = f":material/{icon}:" if icon else None
 
     def turn() -> None:
@@ -380,7 +380,7 @@ def train_sample(
     """Open a sample, and train on it by a preset."""
     open_file(workspace, path)
     workspace.preset = preset
-    workspace.choose(case=case or workspace.asked.case)
+    workspace.choose(case=case or workspace.selection.case)
     workspace.train()
 
 
@@ -392,11 +392,11 @@ def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    workspace.train_starts("fast")
+    workspace.train_starts(QUICK)
 
 
 def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
-    """The session's finished runs of what a table takes, by the paper's method, newest first."""
+    """The session's finished runs for a table by the paper's method, newest first."""
     windows = ", ".join(map(str, run.windows))
     return [
         entry
@@ -405,7 +405,7 @@ def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)
         and entry.model == PAPER
-        and entry.preset in (run.preset, "paper")
+        and entry.preset in PAPER_PRESETS
     ]
 
 

@@ -1,4 +1,4 @@
-"""What meets every connection before a page does: its name, its limits, and the browser's cookie.
+"""Handling of every connection before a page: host name, limits, and the browser's cookie.
 
 `app.py` gives `middleware` and `lifespan` to Streamlit when the server starts. Requests under a
 name that `server.allowedHosts` does not have are refused, as Streamlit itself refuses WebSockets.
@@ -31,7 +31,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from accpinn.units import Seconds
 
 BROWSER = "accpinn_browser"
-"""Name of the cookie by which the server knows a browser again."""
+"""Name of the cookie by which the server recognises a browser."""
 COOKIE_KEPT: Seconds = 365 * 24 * 3600.0
 HEALTH, BEFORE_STREAM = "/_stcore/health", "/_stcore/host-config"
 """Ends of two paths: of what a monitor asks by any name, and of what a browser asks once, before it
@@ -83,21 +83,21 @@ class Gate:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        asked, path = Headers(scope=scope), scope["path"]
-        if not (is_host_allowed(asked.get("host")) or path.endswith(HEALTH)):
+        headers, path = Headers(scope=scope), scope["path"]
+        if not (is_host_allowed(headers.get("host")) or path.endswith(HEALTH)):
             refusal = PlainTextResponse("This server does not answer to that name.", 421)
             await refusal(scope, receive, send)
             return
-        is_new = path.endswith(BEFORE_STREAM) and not browser_of(asked.get("cookie", ""))
+        is_new = path.endswith(BEFORE_STREAM) and not browser_of(headers.get("cookie", ""))
 
         async def send_more(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
+                answer = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
-                    headers.setdefault(name, value)
+                    answer.setdefault(name, value)
                 if is_new:
                     secure = "; Secure" if scope.get("scheme") == "https" else ""
-                    headers.append(
+                    answer.append(
                         "Set-Cookie",
                         f"{BROWSER}={secrets.token_urlsafe(16)}; Path=/; Max-Age={COOKIE_KEPT:.0f};"
                         f" HttpOnly; SameSite=Lax{secure}",
@@ -112,7 +112,7 @@ middleware = [Middleware(Gate)]
 
 @dataclass(eq=False)
 class Connection:
-    """What is known of one connection."""
+    """One connection: its protocol and when it began and was last heard."""
 
     protocol: Any
     """uvicorn's: of HTTP, or of a WebSocket once it is one."""
@@ -127,46 +127,46 @@ class Connections:
     """All connections of the server; everything here happens in its event loop."""
 
     most: int
-    known: OrderedDict[Any, Connection] = field(default_factory=OrderedDict)
-    """By their transports, the one that was silent longest first."""
+    by_transport: OrderedDict[Any, Connection] = field(default_factory=OrderedDict)
+    """Connections by their transports, the longest silent first."""
 
     def begin(self, protocol: Any, transport: Any) -> None:
         """Note a new connection, or that one has become a WebSocket; refuse one too many."""
         if transport.is_closing():
             return
-        is_new = transport not in self.known
-        self.known[transport] = Connection(protocol, time.monotonic())
-        self.known.move_to_end(transport)
-        if is_new and len(self.known) > self.most:
+        is_new = transport not in self.by_transport
+        self.by_transport[transport] = Connection(protocol, time.monotonic())
+        self.by_transport.move_to_end(transport)
+        if is_new and len(self.by_transport) > self.most:
             self._least_missed(transport).abort()
 
     def _least_missed(self, newcomer: Any) -> Any:
         """The connection that makes room: one that has nothing under way, or has long been idle."""
         now = time.monotonic()
-        others = [(transport, known) for transport, known in self.known.items()
+        others = [(transport, connection) for transport, connection in self.by_transport.items()
                   if transport is not newcomer]  # fmt: skip
-        for transport, known in others:
-            if known.heard < now - QUIET and _awaits(known):
+        for transport, connection in others:
+            if connection.heard < now - QUIET and _awaits(connection):
                 return transport
-        for transport, known in others:
-            if known.heard < now - IDLE:
+        for transport, connection in others:
+            if connection.heard < now - IDLE:
                 return transport
         return newcomer
 
     def hear(self, transport: Any) -> None:
         """Note that a connection has sent something."""
-        if connection := self.known.get(transport):
+        if connection := self.by_transport.get(transport):
             connection.heard = time.monotonic()
-            self.known.move_to_end(transport)
+            self.by_transport.move_to_end(transport)
 
     def end(self, transport: Any) -> None:
         """Forget one that is closed."""
-        self.known.pop(transport, None)
+        self.by_transport.pop(transport, None)
 
     def sweep(self) -> None:
         """Close those that have been silent for too long."""
         before = time.monotonic() - SILENT
-        for transport, connection in list(self.known.items()):
+        for transport, connection in list(self.by_transport.items()):
             if connection.heard > before:
                 return
             if _awaits(connection):
@@ -201,7 +201,7 @@ def watch(connections: Connections) -> Callable[[], None]:
 
     def hear_message(protocol: Any, _: object) -> None:
         connections.hear(protocol.transport)
-        if connection := connections.known.get(protocol.transport):
+        if connection := connections.by_transport.get(protocol.transport):
             connection.requests += 1
 
     for protocol in (AutoHTTPProtocol, WebSocketsSansIOProtocol):

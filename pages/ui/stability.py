@@ -97,11 +97,11 @@ def _at_chosen_speed(workspace: Workspace, source: AssessedVehicles) -> Assessed
 
 
 def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
-    """What stands behind the sentence above the pictures, and what it assumes."""
+    """The verdicts behind the headline, and their assumptions."""
     chosen, report, result = source.vehicles, source.report, source.result
     st.markdown(f"##### {escape_markdown(source.origin)}")
-    if said := words.behind_verdict(source):
-        st.markdown(escape_markdown(said))
+    if background := words.behind_verdict(source):
+        st.markdown(escape_markdown(background))
     if len(chosen) > 1:
         platoon = report.platoon
         verdicts = (
@@ -109,8 +109,8 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
             ("Weakly", platoon.l2_weak, platoon.linf_weak),
         )
         lines = []
-        for name, *both in verdicts:
-            l2, linf = (verdict.word for verdict in both)
+        for name, *pair in verdicts:
+            l2, linf = (verdict.word for verdict in pair)
             lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
         why = escape_markdown(words.along_platoon(source))
         st.markdown(f"The platoon in this order. {' '.join(lines)} {why}", help=PLATOON)
@@ -125,11 +125,12 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
 
 
 def _show_bode_notes(source: AssessedVehicles) -> None:
-    """What the marks of the laboratory's charts are."""
+    """The meaning of the marks of the laboratory's charts."""
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points: measured gain and band, faint where not compared." * bool(measured),
+        + " Points: measured gain and band, faint where not compared." * bool(measured)
+        + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )
 
@@ -145,17 +146,17 @@ def _show_numbers(workspace: Workspace, source: AssessedVehicles) -> None:
 
 
 def _show_verdicts(source: AssessedVehicles) -> None:
-    chosen, known, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
+    chosen, uncertainty, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
     table = tables.verdict_table(source)
     show.table(table, figures.colours(chosen))
-    posterior = known and (
+    posterior = uncertainty and (
         "Probability: the share of posterior samples that are string stable; the verdict is"
         f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets, or on"
-        f" pointing at a dotted line: {100 * known.level:.0f} % intervals. "
+        f" pointing at a dotted line: {100 * uncertainty.level:.0f} % intervals. "
     )
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if not chosen.parameters.is_linear else "")  # fmt: skip
-    level = f"{100 * known.level:.0f} % intervals." if known else "By these parameters."
+    level = f"{100 * uncertainty.level:.0f} % intervals." if uncertainty else "By these parameters."
     show.caption(level, f"{linear}{posterior or ''}{GAIN}")
     if differ := words.criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
@@ -164,10 +165,11 @@ def _show_verdicts(source: AssessedVehicles) -> None:
 
 def _show_speeds(source: AssessedVehicles) -> None:
     """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
-    vehicles, known = source.vehicles, source.uncertainty
-    own, draws = vehicles.parameters.nonlinear, known.draws.nonlinear if known else None
+    vehicles, uncertainty = source.vehicles, source.uncertainty
+    estimates = vehicles.parameters.nonlinear
+    draws = uncertainty.draws.nonlinear if uncertainty else None
     followers = [
-        Follower(label, colour, FOLLOWING[vehicles.model], own[k],
+        Follower(label, colour, FOLLOWING[vehicles.model], estimates[k],
                  None if draws is None else draws[:, k])
         for k, (label, colour) in enumerate(zip(vehicles.labels, figures.colours(vehicles),
                                                 strict=True))
@@ -186,13 +188,13 @@ def _show_speeds(source: AssessedVehicles) -> None:
     bands = f" Bands: {100 * LEVEL:.0f} % intervals."
     st.caption(
         "Largest gain for small disturbances: above 0 dB they grow."
-        f"{driven_at * bool(segments)} Dashed: {KMH * speed:.0f} km/h.{bands * bool(known)}"
+        f"{driven_at * bool(segments)} Dashed: {KMH * speed:.0f} km/h.{bands * bool(uncertainty)}"
     )
 
 
 def _show_criteria(source: AssessedVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
-    chosen, known = source.vehicles, source.uncertainty
+    chosen, uncertainty = source.vehicles, source.uncertainty
     st.caption(words.CRITERIA)
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(source), "stability_criteria")
@@ -204,7 +206,7 @@ def _show_criteria(source: AssessedVehicles) -> None:
     )
     st.caption(
         "Stable and the criteria: by these parameters. Smallest stable time headway: that of this"
-        f" vehicle with its α and β.{posterior if known else ''}"
+        f" vehicle with its α and β.{posterior if uncertainty else ''}"
     )
     show.downloads(table, f"criteria_{chosen.title}".lower(), "criteria")
     if source.result:
@@ -236,7 +238,7 @@ def _show_modes(workspace: Workspace, source: AssessedVehicles) -> None:
 
 def _show_region(workspace: Workspace, source: AssessedVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
-    chosen, known = source.vehicles, source.uncertainty
+    chosen, uncertainty = source.vehicles, source.uncertainty
     with st.container(horizontal=True, vertical_alignment="center"):
         plane = segments(
             "Plane", PLANES, "beta", "stability_plane", workspace,
@@ -249,8 +251,8 @@ def _show_region(workspace: Workspace, source: AssessedVehicles) -> None:
         show.key(figures.MAP_KEY)
     chart = figures.stability_map(source, held, plane)
     show.chart(chart, "stability_map")
-    said = escape_markdown(words.about_map(chosen, held, HELD[plane]))
-    st.caption(said + (f" {cloud_caption(chart, known, plane)}" if known else ""))
+    about = escape_markdown(words.about_map(chosen, held, HELD[plane]))
+    st.caption(about + (f" {cloud_caption(chart, uncertainty, plane)}" if uncertainty else ""))
 
 
 def _show_margin(source: AssessedVehicles) -> None:
@@ -282,10 +284,10 @@ def _show_reasons(workspace: Workspace, source: AssessedVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
     about = [vehicle.behaviour.value for vehicle in source.report.vehicles]
     reasons, texts = words.reasons(source), []
-    for (label, said), behaviour in zip(reasons, [*about, PLATOON], strict=False):
+    for (label, verdicts), behaviour in zip(reasons, [*about, PLATOON], strict=False):
         lines = [
             f"\n- {verdict.criterion.value}: **{verdict.word}**. {escape_markdown(why)}"
-            for verdict, why in said
+            for verdict, why in verdicts
         ]
         texts.append(f"**{escape_markdown(label)}.** {behaviour}\n{''.join(lines)}")
     if len(texts) > MOST_REASONS:
@@ -315,7 +317,8 @@ def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
             workspace, labels, "stability_measured",
             help="The vehicle whose recorded speed is compared with that of the car ahead.",
         )  # fmt: skip
-    gain = measured_gain(windows, follower)
+    model_of = result.parameters[[follower]] if result else None
+    gain = measured_gain(windows, follower, reference=model_of)
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
     key, which = [(f"{labels[follower]}, measured", LEADER)], min(follower, len(chosen) - 1)
     # Vehicles of another source stand for those of the recording, in their order.
@@ -328,7 +331,7 @@ def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
     chart = figures.measured_bode(gain, labels[follower], colour, model, which)
     show.chart(chart, "stability_measured_gain")
     level = f"{100 * gain.level:.0f} %"
-    about = frame.in_words(segment.window, [one.window for one in windows])
+    about = frame.in_words(segment.window, [part.window for part in windows])
     is_shaded = any(trace.fill for trace in chart.data)
     band = f" Shaded: {level} band of the model." * is_shaded
     st.caption(
@@ -337,8 +340,9 @@ def _show_measured(workspace: Workspace, source: AssessedVehicles) -> None:
         f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
         " Open: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the model with these parameters does not describe how this vehicle passes on"
-        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
-        " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
+        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is,"
+        " but where the model resolves it; above 0.3 rad/s, where vehicles pass on little, the"
+        " vehicle's own disturbances make the"
         f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
     )
     show.downloads(

@@ -2,7 +2,6 @@
 
 import math
 from contextlib import suppress
-from functools import lru_cache
 from typing import Any
 
 import plotly.graph_objects as go
@@ -13,7 +12,7 @@ from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.methods import Segments
 from accpinn.methods.estimate import Estimate
-from accpinn.methods.pinn.config import PRESETS, STARTS
+from accpinn.methods.pinn.config import PRESET_INFOS, PRESETS, STARTS
 from accpinn.methods.registry import METHODS, recommended_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import TITLES, has_terms_of
@@ -30,7 +29,7 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import banner, show_estimate, show_result, theatre
 from pages.ui.components.show import bound, escape_markdown, pick, segments, select
 from pages.ui.data.views import show_validation
-from pages.ui.session.resources import segment_of, store
+from pages.ui.session.resources import cached, segment_of, store
 from pages.ui.session.workspace import TITLE_OF, Workspace
 from pages.ui.snapshots.listing import show_runs
 
@@ -62,37 +61,36 @@ WEIGHT_PHYSICS = (
     " model, a smaller one to the data."
 )
 WEIGHT_DATA = "Of the squared distance of the network's curves from the data."
-EVERY, PAPERS, OTHERS = "calibrated fast paper", "fast paper", "calibrated fast"
-OPTIONS: dict[str, tuple[str, float, str, str]] = {
-    "iterations": ("Iterations, at most", 100, EVERY, "Of the optimiser Adam, or rounds of"
+OPTIONS: dict[str, tuple[str, float, str]] = {
+    "iterations": ("Iterations, at most", 100, "Of the optimiser Adam, or rounds of"
                    " the calibrated preset's search. The fast and calibrated presets end earlier"
                    " once α, β and τ stand still."),
-    "seed": ("Seed", 1, EVERY, "Of the network's random initial weights and of the instants drawn"
+    "seed": ("Seed", 1, "Of the network's random initial weights and of the instants drawn"
              " at random. The same seed gives the same result."),
-    "learning_rate": ("Learning rate", 0.001, PAPERS, "Adam's step. Larger is faster, until the"
+    "learning_rate": ("Learning rate", 0.001, "Adam's step. Larger is faster, until the"
                       " loss no longer falls; the paper's is 0.001."),
-    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, PAPERS, "Of the squared error"
+    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, "Of the squared error"
                        " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
-    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, PAPERS, START_HELP)
+    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, START_HELP)
        for k, parameter in enumerate(PARAMETERS)},
-    "weight_physics-0": ("Q: weight of dp/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_physics-1": ("Q: weight of dv/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_data-0": ("S: weight of gaps in the data loss", 0.1, PAPERS, WEIGHT_DATA),
-    "weight_data-1": ("S: weight of speeds in the data loss", 0.1, PAPERS, WEIGHT_DATA),
-    "layers": ("Hidden layers", 1, EVERY, "Of the network; the paper's has three. A smaller network"
+    "weight_physics-0": ("Q: weight of dp/dt in the physics loss", 0.1, WEIGHT_PHYSICS),
+    "weight_physics-1": ("Q: weight of dv/dt in the physics loss", 0.1, WEIGHT_PHYSICS),
+    "weight_data-0": ("S: weight of gaps in the data loss", 0.1, WEIGHT_DATA),
+    "weight_data-1": ("S: weight of speeds in the data loss", 0.1, WEIGHT_DATA),
+    "layers": ("Hidden layers", 1, "Of the network; the paper's has three. A smaller network"
                " is quicker, and the curves follow the data less closely."),
-    "width": ("Neurons per layer", 10, EVERY, "The paper's have sixty."),
-    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "paper", "The paper suggests them for"
+    "width": ("Neurons per layer", 10, "The paper's have sixty."),
+    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "The paper suggests them for"
                          " the last digits, but reports none."),
-    "test_share": ("Share kept for testing", 0.05, "paper", "Instants drawn at random that the loss"
+    "test_share": ("Share kept for testing", 0.05, "Instants drawn at random that the loss"
                    " does not see; their loss is reported."),
-    "highest_frequency": ("Highest frequency [Hz]", 0.05, OTHERS, "The network's curves cannot move"
+    "highest_frequency": ("Highest frequency [Hz]", 0.05, "The network's curves cannot move"
                           " faster than this. Platoons move below 0.1 Hz; the calibrated preset"
                           " resolves 0.5 Hz to tell noise from motion."),
-    "batch": ("Instants per iteration", 100, "fast", "Drawn at random for each step of Adam."),
+    "batch": ("Instants per iteration", 100, "Drawn at random for each step of Adam."),
 }  # fmt: skip
-"""Label, step, presets that use it and meaning of the fields in their order, by setting, and by
-place in the setting where it has several numbers."""
+"""Label, step and meaning of the fields in their order, by setting, and by place in the setting
+where it has several numbers."""
 
 
 def show_page(workspace: Workspace) -> None:
@@ -113,12 +111,12 @@ def _show_training(workspace: Workspace) -> None:
     banner(workspace)
     is_active = training is not None and training.is_active
     windows = result.analysis.windows if result and not is_active else workspace.windows
-    st.caption(frame.segment_line(segment, workspace.asked.case, windows))
+    st.caption(frame.segment_line(segment, workspace.selection.case, windows))
     show.not_acc(segment)
     # On a narrow screen a result comes before what led to it, while a training can be stopped.
     done = result is not None and not is_active
     with st.container(key="later_1_train" if done else "train_controls"):
-        asked = _controls(workspace)
+        analysis = _controls(workspace)
     if training and training.status is Status.RUNNING:
         _show_live(workspace, training)
         return
@@ -131,28 +129,28 @@ def _show_training(workspace: Workspace) -> None:
             lambda: _next_button(workspace, result),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
-    elif asked := training.analysis if training and is_active else asked:
-        _show_beginning(workspace, asked)
+    elif analysis := training.analysis if training and is_active else analysis:
+        _show_beginning(workspace, analysis)
 
 
-def _show_beginning(workspace: Workspace, asked: Analysis) -> None:
+def _show_beginning(workspace: Workspace, analysis: Analysis) -> None:
     """The data of a follower, and the drive by the values at which a training begins."""
-    data = _segments(workspace, asked)
+    data = _segments(workspace, analysis)
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, data[0].labels[1:], "train_follower")
-        if initial := show.attempt(lambda: _initial(asked, data)):
+        if initial := show.attempt(lambda: _initial(analysis, data)):
             show.caption(f"{initial_in_words(*initial)} Dotted: the drive simulated by them.")
     show.chart(_first_curves(data[0], follower, initial, LIVE), LIVE_CURVES)
 
 
-def _initial(asked: Analysis, data: Segments) -> tuple[str, Parameters] | None:
+def _initial(analysis: Analysis, data: Segments) -> tuple[str, Parameters] | None:
     """The model and the parameters at which a training begins, where its method seeks step by step.
 
     Raises:
         ConfigError: where the initial values are not the model's.
     """
-    initial = METHODS[asked.method].initial
-    return initial(data, asked.config, asked.spec) if initial else None
+    initial = METHODS[analysis.method].initial
+    return initial(data, analysis.config, analysis.spec) if initial else None
 
 
 def _first_curves(
@@ -168,20 +166,20 @@ def _first_curves(
 
 def _show_live(workspace: Workspace, training: Task[Result]) -> None:
     """A training as it runs: the curves bend into the data, the loss falls, parameters move."""
-    asked, result = training.analysis, workspace.result
-    assert asked is not None
-    data, truth = _segments(workspace, asked), workspace.true_parameters
+    analysis, result = training.analysis, workspace.result
+    assert analysis is not None
+    data, truth = _segments(workspace, analysis), workspace.true_parameters
     segment = data[0]
     with st.container(horizontal=True, vertical_alignment="center"):
         follower = pick(workspace, segment.labels[1:], "train_follower")
-        has_truth = truth is not None and has_terms_of(asked.spec.model, truth)
-        show.follower_key(segment, has_truth, segment.shares(asked.case))
+        has_truth = truth is not None and has_terms_of(analysis.spec.model, truth)
+        show.follower_key(segment, has_truth, segment.shares(analysis.case))
 
     def draw(polled: bool) -> None:
         """Draw the present moment, and the strip of what is known."""
         history = training.history()
         if history is None:
-            curves, moved = _first_curves(segment, follower, _initial(asked, data), LIVE), None
+            curves, moved = _first_curves(segment, follower, _initial(analysis, data), LIVE), None
         else:
             step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
             curves, moved = _live_figures(training, segment, follower, truth, step)
@@ -194,15 +192,15 @@ def _show_live(workspace: Workspace, training: Task[Result]) -> None:
     monitor(training, draw)
 
 
-def _segments(workspace: Workspace, asked: Analysis) -> Segments:
+def _segments(workspace: Workspace, analysis: Analysis) -> Segments:
     """The data of a training."""
     if recording := workspace.recording:
-        about = asked.vehicles, asked.excluded
-        return tuple(segment_of(recording, window, *about) for window in asked.windows)
+        about = analysis.vehicles, analysis.excluded
+        return tuple(segment_of(recording, window, *about) for window in analysis.windows)
     return workspace.segments
 
 
-@lru_cache(maxsize=8)  # each training at one time needs one
+@cached
 def _of_point(
     training: Task[Result], point: Estimate, segments: Segments, recording: Recording | None
 ) -> Result:
@@ -211,21 +209,21 @@ def _of_point(
     return result_of(training.analysis, segments, point, recording)
 
 
-@lru_cache(maxsize=8)
+@cached
 def _live_figures(
     training: Task[Result], segment: Segment, follower: int, truth: Parameters | None, step: int
 ) -> tuple[go.Figure, go.Figure]:
     """The curves of a training at a ``step``, and the course of its loss and parameters."""
-    history, curves, asked = training.history(), training.curves, training.analysis
+    history, curves, analysis = training.history(), training.curves, training.analysis
     assert history is not None
-    assert asked is not None
-    drawn = course(history, segment.info, asked.spec.model, truth, height=LIVE)
-    own = SIMULATED if asked.has_posterior else NETWORK
-    return tracking(segment, follower, curves, own=own, height=LIVE), drawn
+    assert analysis is not None
+    drawn = course(history, segment.info, analysis.spec.model, truth, height=LIVE)
+    name = SIMULATED if analysis.has_posterior else NETWORK
+    return tracking(segment, follower, curves, curve_name=name, height=LIVE), drawn
 
 
 def _show_validation(workspace: Workspace) -> None:
-    """What the learned parameters do in another window, once the user chose one."""
+    """The errors of the learned parameters in another window, once the user has chosen one."""
     if workspace.validation is None:
         st.caption(
             "Choose a window that was not trained on, or another recording of the same vehicles, on"
@@ -255,7 +253,7 @@ def _next_button(workspace: Workspace, result: Result) -> None:
 def _controls(workspace: Workspace) -> Analysis | None:
     """Draw what a training is chosen by; what it would answer is None where that is refused."""
     preset = workspace.preset
-    asked = show.attempt(workspace.analysis)
+    analysis = show.attempt(workspace.analysis)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         segments(
             "Preset", TITLE_OF, preset, "train_preset",
@@ -265,9 +263,9 @@ def _controls(workspace: Workspace) -> Analysis | None:
             "Model", TITLES, workspace.spec.model, "train_model", workspace.choose_model,
             labelled=False, width=330, help=MODEL_HELP,
         )  # fmt: skip
-        _buttons(workspace, asked)
-        method = METHODS[asked.method if asked else recommended_method()]
-        settings = asked.settings if asked else PRESETS[preset].to_json()
+        _buttons(workspace, analysis)
+        method = METHODS[analysis.method if analysis else recommended_method()]
+        settings = analysis.settings if analysis else PRESETS[preset].to_json()
         # While a training runs, nothing pushes its charts down.
         is_active = workspace.training is not None and workspace.training.is_active
         has_options = method.settings is not None and not is_active
@@ -278,15 +276,15 @@ def _controls(workspace: Workspace) -> Analysis | None:
     if has_options and st.session_state.get("train_options"):
         with st.container(border=True):
             _show_options(workspace)
-    return asked
+    return analysis
 
 
-def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
+def _buttons(workspace: Workspace, analysis: Analysis | None) -> None:
     training = workspace.training
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
         return
-    at = store().stopped_at(asked) if asked else None
+    at = store().stopped_at(analysis) if analysis else None
     label, icon, result = "Start training", "play_arrow", workspace.result
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
@@ -295,7 +293,7 @@ def _buttons(workspace: Workspace, asked: Analysis | None) -> None:
         type="secondary" if result and not unfinished(result.estimate) else "primary",
         icon=f":material/{icon}:",
         key="train_start",
-        disabled=asked is None,
+        disabled=analysis is None,
         on_click=_start,
         args=(workspace,),
         help=CONTINUES if at is not None else None,
@@ -320,7 +318,8 @@ def _show_options(workspace: Workspace) -> None:
     preset = workspace.preset
     changes = workspace.settings.setdefault(preset, {})
     settings = PRESETS[preset].to_json() | changes
-    fields = {name: field for name, field in OPTIONS.items() if preset in field[2].split()}
+    unused = PRESET_INFOS[preset].unused
+    fields = {k: field for k, field in OPTIONS.items() if k.partition("-")[0] not in unused}
     count = len(fields) + 1 + ("initial-0" in fields)
     places = [column for _ in range(math.ceil(count / 4)) for column in st.columns(4)]
 
@@ -348,7 +347,7 @@ def _show_options(workspace: Workspace) -> None:
             now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
             place=places.pop(4), help=START_HELP,
         )  # fmt: skip
-    for column, (name, (label, step, _, explained)) in zip(places, fields.items(), strict=False):
+    for column, (name, (label, step, explained)) in zip(places, fields.items(), strict=False):
         number(column, name, label, step, explained)
     with places[-1]:
         st.space("stretch")

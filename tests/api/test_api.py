@@ -51,7 +51,7 @@ def last_digit(number: str) -> float:
     ("document", "pieces", "report"),
     [
         ("README.md", 2, "report.html"),
-        ("docs/tutorial.md", 25, "two_followers.html"),
+        ("docs/tutorial.md", 28, "two_followers.html"),
         ("docs/quickstart.ipynb", 7, None),
     ],
 )

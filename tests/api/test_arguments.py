@@ -95,6 +95,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "model_forms": {"segment": segment()},
         "models_table": {"judgements": accpinn.Judgements(())},
         "pairs_table": {"judgements": accpinn.Judgements(())},
+        "next_drive": {"result": result()},
         "parameter_card": {"snapshot": result()},
         "parameter_table": {"description": result()},
         "preset": {"name": "fast"},
@@ -116,6 +117,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "sumo_types": {"names": ("A car",), "parameters": CAR},
         "transfer_function": {"parameters": CAR},
         "verify": {"content": b""},
+        "what_if": {"parameters": CAR, "feedforward": 0.5},
     }
     functions = {name: getattr(accpinn, name) for name in usual}
     by_name = {name: (function, usual[name]) for name, function in functions.items()}
@@ -134,6 +136,7 @@ def calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "Result.to_frame": (result().to_frame, {}),
         "Result.measured_growth": (result().measured_growth, {}),
         "Result.frequency_response": (result().frequency_response, {"omega": [0.1]}),
+        "Result.what_if": (result().what_if, {"time_gap": 0.2}),
         "Result.with_data": (result().with_data, {"recording": recording()}),
         "Estimate.span": (result().estimate.span, {"name": "alpha", "follower": 0}),
         "Estimate.time_gap": (result().estimate.time_gap, {"speed": 20.0, "follower": 0}),

@@ -19,10 +19,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.usefixtures("cache")
+@pytest.mark.usefixtures("cache", "registries")
 def test_a_users_model_stands_beside_others_in_one_command(tmp_path: Path, capsys: Capture) -> None:
     """The scores that the command keeps are those of Python, and the next call knows them."""
-    asked = ["judge", STUDY, "--model", GIPPS, "--models", "cthp", "--workers", 1]
+    asked = ["judge", STUDY, "--model", GIPPS, "--models", "cthp"]
     found = document(capsys, *asked, "--reference", "gipps", "--out", tmp_path / "out")
     assert [row["key"] for row in found["models"]] == ["cthp", "gipps"]
     best = found["models"][0]
@@ -33,6 +33,7 @@ def test_a_users_model_stands_beside_others_in_one_command(tmp_path: Path, capsy
     (recording,) = found["made_with"]["recordings"]
     assert recording["sha256"] == read(STUDY).sha256
     assert found["made_with"]["scripts"][0]["name"] == GIPPS.name
+    assert found["made_with"]["command"].startswith(f"accpinn judge {STUDY.name} --model gipps.py")
     (pair,) = found["pairs"]
     assert pair["difference"] == pytest.approx(-best["difference"])
 

@@ -44,7 +44,7 @@ from accpinn.results.report import render_report, tables_of
 from accpinn.results.reproduction import verification_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import Information, suggest_window
+from accpinn.segment.windows import Information, suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
 from accpinn.study.plan import listing_of
@@ -442,6 +442,8 @@ HARMLESS = {
     "fit": ["--method", "least-squares", "--no-cache"],
     "starts": ["missing.csv"],
     "batch": ["missing.csv"],
+    "judge": ["missing.csv"],
+    "dataset": ["missing.csv"],
     "download": ["--list"],
 }
 """Put at the end, so that no example trains, starts workers or asks the network."""

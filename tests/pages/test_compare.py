@@ -17,7 +17,7 @@ from accpinn.study.comparison import Refused, compare
 from accpinn.tasks import Status, Task
 from pages.ui.components.parameter_picker import cars_of, of_several
 from pages.ui.session.resources import store, task_queue
-from pages.ui.session.workspace import KEPT_EARLIER, Workspace
+from pages.ui.session.workspace import MOST_EARLIER, Workspace
 from tests.support.apptest import (
     MINUTE,
     WAIT,
@@ -215,12 +215,12 @@ def test_earlier_estimates_are_bounded_and_shown_without_a_comparison(session: W
     said = open_page("Compare", session).plain()
     assert "Kept from earlier in this session: 1 estimate." in said
     assert "PiNN (paper preset, own options, stopped), " in said
-    for seed in range(KEPT_EARLIER + 3):
+    for seed in range(MOST_EARLIER + 3):
         session.settings["paper"] = {"seed": seed}
         session._record([replace(result, analysis=session.analysis())])
-    assert len(session.earlier) == KEPT_EARLIER
+    assert len(session.earlier) == MOST_EARLIER
     session.open(sample_recording())
-    assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
+    assert len(session.earlier) == MOST_EARLIER, "an early step does not drop them"
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(session: Workspace) -> None:

@@ -19,9 +19,9 @@ from accpinn.study.batch import BatchProgress
 from accpinn.study.studies import DROPPED, FILE, Computed, Request, written
 from accpinn.study.supplied import read_about, supplied_study
 from accpinn.tasks import Status, batches
-from pages.ui.database import own
 from pages.ui.database import page as database_page
-from pages.ui.session import sessions
+from pages.ui.database import study_folders
+from pages.ui.session import users
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import WAIT, Page, open_page, until
 from tests.support.openacc_files import csv, metadata, platoon
@@ -101,7 +101,7 @@ def test_a_first_visitor_sees_the_supplied_study_and_who_made_its_data(recording
 def test_without_the_supplied_study_the_form_stands_on_the_page(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (own, database_page):
+    for module in (study_folders, database_page):
         monkeypatch.setattr(module, "supplied_study", lambda: None)
     page = opened()
     assert "no study here yet" in page.plain()
@@ -146,13 +146,13 @@ def test_dropped_files_are_unpacked_refused_one_by_one_and_removed_after_the_bat
     left = study / DROPPED / "0" / "left.csv"  # as of a batch that was stopped
     left.parent.mkdir(parents=True)
     left.write_bytes(raw)
-    monkeypatch.setattr(own, "sees_all", lambda: True)  # as on the page
-    own.make_room(session.id, "dropped", 1)
+    monkeypatch.setattr(study_folders, "sees_all", lambda: True)  # as on the page
+    study_folders.make_room(session.id, "dropped", 1)
     assert left.exists()
-    monkeypatch.setattr(own, "MOST_DROPPED", len(raw))
+    monkeypatch.setattr(study_folders, "MOST_DROPPED", len(raw))
     with pytest.raises(RecordingError, match="dropped files"):
-        own.make_room(session.id, "dropped", 1)
-    own.make_room(session.id, "another", len(raw))
+        study_folders.make_room(session.id, "dropped", 1)
+    study_folders.make_room(session.id, "another", len(raw))
     assert not (study / DROPPED).exists()
     assert (study / FILE).exists()
 
@@ -221,7 +221,7 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
     assert session.recording.source == "mine.csv"
-    assert (session.asked.vehicles, session.asked.window) == ((1, 2, 3), Window(10.0, 70.0))
+    assert (session.selection.vehicles, session.selection.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert session.segment is not None
     # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")
@@ -317,7 +317,7 @@ def test_a_stranger_s_studies_are_listed_to_nobody_else_and_a_link_shows_one_wit
 ) -> None:
     def be(browser: str) -> None:
         cookie = {"Host": "app.lab.org", "Cookie": f"accpinn_browser={browser * 22}"}
-        monkeypatch.setattr(sessions, "connection_headers", lambda: cookie)
+        monkeypatch.setattr(users, "connection_headers", lambda: cookie)
 
     be("a")
     page = with_form(opened())

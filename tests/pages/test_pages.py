@@ -34,7 +34,7 @@ from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
 from pages.ui.reproduction import runs_of
-from pages.ui.session import resources, sessions
+from pages.ui.session import resources, sessions, users
 from pages.ui.session.resources import (
     FIRST_SAMPLE,
     SAMPLES,
@@ -122,7 +122,8 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
 def test_one_click_on_home_trains_a_sample() -> None:
     session = open_page("Home").press("Train a sample now").workspace()
     asked, recording = session.training.analysis, files.read(FIRST_SAMPLE)
-    windows = windows_in_car_following(recording, session.asked.vehicles) or (session.asked.window,)
+    selection = session.selection
+    windows = windows_in_car_following(recording, selection.vehicles) or (selection.window,)
     assert (asked.config, asked.windows) == (CALIBRATED, windows)
     assert session.true_parameters == load_truth(truth_path(FIRST_SAMPLE)).parameters
     stop_tasks(session)
@@ -161,8 +162,12 @@ def test_a_table_of_the_paper_takes_two_clicks(
     (item,) = (item for item in ITEMS if item.title == title)
     run, printed = item.run, item.verdicts[0]
     session = open_page("Home").press(f"home_{title.replace(' ', '')}").workspace()
-    assert (session.windows, session.asked.vehicles) == (run.windows, run.vehicles)
-    assert (session.asked.case, session.preset, session.spec.model) == (run.case, "fast", "cthp")
+    assert (session.windows, session.selection.vehicles) == (run.windows, run.vehicles)
+    assert (session.selection.case, session.preset, session.spec.model) == (
+        run.case,
+        "fast",
+        "cthp",
+    )
     page = open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
     learned = session.result.parameters
@@ -211,7 +216,10 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     session.window_starts = None
     assert session.several_windows
     page.sound().press("data_TableI")
-    assert (session.asked.vehicles, session.windows) == (CASALE_RUN.vehicles, CASALE_RUN.windows)
+    assert (session.selection.vehicles, session.windows) == (
+        CASALE_RUN.vehicles,
+        CASALE_RUN.windows,
+    )
     assert session.preset == "fast"
     page = open_page("Data").upload("part7.csv", csv(platoon()))
     assert "data_TableI" not in page.buttons, "another's content"
@@ -239,10 +247,10 @@ def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_
         ("data_ends", (50.0, 55.0), Window(60.0, 160.0)),  # too short for a window
     ):
         page.choose(key, value)
-        assert session.asked.window == window
+        assert session.selection.window == window
     assert page.texts() != before
     page.press("data_suggested")
-    assert session.asked.window == Window(30.0, 330.0)
+    assert session.selection.window == Window(30.0, 330.0)
     assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 30.0
     assert page.button(key="data_suggested").disabled
     page.choose("data_view", "relative")
@@ -305,20 +313,20 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     session.preset = "paper"
     page = open_page("Data", session)
     page.segmented_control(key="data_case").set_value("I").run()
-    assert session.asked.case == "I"
+    assert session.selection.case == "I"
     lasts = METHODS["pinn"].expected_seconds(session.segments, preset("paper"))
     label = page.button(key="data_train").label
     assert all(part in label for part in ("Paper", "Case I", format_duration(lasts)))
     leader, last, *_ = page.selectbox
     leader.set_value(3).run()
-    assert session.asked.vehicles == (3, 4, 5)
+    assert session.selection.vehicles == (3, 4, 5)
     last.set_value(4).run()
-    assert session.asked.vehicles == (3, 4)
+    assert session.selection.vehicles == (3, 4)
     assert not any(box.key == "data_case" for box in page.segmented_control)
     assert session.true_parameters.alpha.tolist() == [0.0766]
     session.choose(case="I")
     session.open(sample_recording(SAMPLES / "synthetic_vicolungo_like.csv"))
-    assert session.asked.case == "II", "a new recording has the default"
+    assert session.selection.case == "II", "a new recording has the default"
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -487,7 +495,7 @@ def test_the_first_window_avoids_holes() -> None:
     frame = platoon(samples=4000)
     frame.loc[500:599, ["Speed2", "IVS1", "IVS2"]] = np.nan
     session = with_recording(recording(frame))
-    assert session.asked.window == Window(60.0, 360.0)
+    assert session.selection.window == Window(60.0, 360.0)
     assert session.segment is not None
 
 
@@ -812,7 +820,7 @@ def test_a_training_goes_on_while_something_else_is_open_and_is_found_again() ->
     assert job.is_active, "a new training waits for it"
     assert session.training is not job
     page.sound().press("frame_left_0_show")
-    assert (session.recording, session.asked.window) == (recording, MINUTE)
+    assert (session.recording, session.selection.window) == (recording, MINUTE)
     assert session.training is job, "what was open with it is open again"
     (later,) = session.left
     page.press("frame_left_0_stop")
@@ -877,10 +885,10 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     session.open(sample_recording())
     assert (session.result, session.recording) == (result, recording)
     page = open_page("Data", session).choose("data_start", 100.0)
-    assert (session.asked.window, session.result) == (Window(100.0, 160.0), None)
+    assert (session.selection.window, session.result) == (Window(100.0, 160.0), None)
     page.press("data_undo")
-    assert (session.asked.window, session.result) == (Window(0.0, 60.0), result)
-    assert session.asked.vehicles == (2, 3, 4, 5)
+    assert (session.selection.window, session.result) == (Window(0.0, 60.0), result)
+    assert session.selection.vehicles == (2, 3, 4, 5)
     for _ in range(len(session.steps)):
         page.press("data_undo")
     assert page.button(key="data_undo").disabled
@@ -894,7 +902,7 @@ def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -
     other.preset = "fast"
     session.restore(train_at_once(other))
     assert session.steps == ()
-    assert session.asked.vehicles == (1, 2, 3), "as the recording was opened"
+    assert session.selection.vehicles == (1, 2, 3), "as the recording was opened"
 
 
 def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_recording(
@@ -916,11 +924,11 @@ def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_rec
         found = page.press(f"home_runs_open_{run.id}").workspace()
         assert found.result.parameters == learned
         assert found.recording.source == PLATOON.name, "a sample is opened again"
-        assert found.asked.window == Window(0.0, 60.0)
+        assert found.selection.window == Window(0.0, 60.0)
         assert not page.error
         assert f"snapshot={run.id}" not in page.texts()
     assert page.workspace() is session
-    monkeypatch.setattr(sessions, "is_shared", lambda: True)
+    monkeypatch.setattr(users, "is_shared", lambda: True)
     page = open_page("Home")
     assert PLATOON.name not in page.everything(), "others' are nobody else's"
 

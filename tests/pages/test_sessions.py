@@ -13,7 +13,7 @@ from streamlit import config
 from accpinn.methods.estimate import Outcome
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
-from pages.ui.session import resources, sessions
+from pages.ui.session import resources, sessions, users
 from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace
@@ -71,7 +71,7 @@ class TestSignIn:
     def test_who_is_named_is_admitted(
         self, monkeypatch: pytest.MonkeyPatch, named: str, user: dict[str, Any], admitted: bool
     ) -> None:
-        monkeypatch.setenv(sessions.USERS_VARIABLE, named)
+        monkeypatch.setenv(users.USERS_VARIABLE, named)
         page = open_page("Home", user=user)
         assert (len(page.buttons) > 1) is admitted
         assert "sign_out" in page.buttons
@@ -92,7 +92,7 @@ class TestSignIn:
     def test_where_users_are_named_nobody_is_admitted_without_sign_in(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        for variable in (sessions.USERS_VARIABLE, sessions.ADMINS_VARIABLE):
+        for variable in (users.USERS_VARIABLE, users.ADMINS_VARIABLE):
             with monkeypatch.context() as named:
                 named.setenv(variable, "ann@lab.org")
                 assert open_page("Home").buttons == {"sign_in"}
@@ -110,7 +110,7 @@ class TestDeletion:
         own.viewed = ""
         (entry,) = library().entries()
         assert self.delete_key() in open_page("Snapshots").buttons
-        monkeypatch.setattr(sessions, "is_shared", lambda: True)
+        monkeypatch.setattr(users, "is_shared", lambda: True)
         assert self.delete_key() not in open_page("Snapshots").buttons
         page = open_page("Snapshots", own).press(self.delete_key())
         assert not library().entries()
@@ -125,11 +125,11 @@ class TestDeletion:
         own = page.workspace()
         source = fitted()
         own.recording, own.segment, own.training = source.recording, source.segment, source.training
-        own.asked = source.asked
+        own.selection = source.selection
         page.run().press("Save")
         assert self.delete_key() in open_page("Snapshots", user=ANN).buttons, "in another session"
         assert self.delete_key() not in open_page("Snapshots", user=BOB).buttons
-        monkeypatch.setenv(sessions.ADMINS_VARIABLE, "bob@school.edu")
+        monkeypatch.setenv(users.ADMINS_VARIABLE, "bob@school.edu")
         assert self.delete_key() in open_page("Snapshots", user=BOB).buttons
 
 
@@ -170,7 +170,7 @@ class TestStrangers:
         before = {name: config.get_option(name) for name in options}
         mine = with_sample()
         open_page("Home", mine)
-        monkeypatch.setattr(sessions, "connection_headers", lambda: headers)
+        monkeypatch.setattr(users, "connection_headers", lambda: headers)
         try:
             for name, value in options.items():
                 config.set_option(name, value)
@@ -188,9 +188,9 @@ class TestStrangers:
     ) -> None:
         """What is drawn then is sent once the browser is back."""
         open_page("Home", with_sample())
-        monkeypatch.setattr(sessions, "connection_headers", lambda: LAB)
+        monkeypatch.setattr(users, "connection_headers", lambda: LAB)
         page = open_page("Home")
-        monkeypatch.setattr(sessions, "connection_headers", dict)
+        monkeypatch.setattr(users, "connection_headers", dict)
         assert "home_session_0" not in page.sound().buttons
 
     def test_an_earlier_session_is_gone_on_with_and_its_secret_is_nowhere(self) -> None:
@@ -258,7 +258,7 @@ class TestStrangers:
     def use(self, monkeypatch: pytest.MonkeyPatch, browser: str) -> None:
         """Be a browser behind the laboratory's proxy; an empty name has no cookie."""
         cookie = {"Cookie": f"accpinn_browser={browser * 22}"} if browser else {}
-        monkeypatch.setattr(sessions, "connection_headers", lambda: LAB | cookie)
+        monkeypatch.setattr(users, "connection_headers", lambda: LAB | cookie)
 
     def give_result(self, session: Workspace) -> None:
         session.open(sample_recording())
@@ -329,8 +329,8 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     session = open_page("Train", session=fitted().id).workspace()
     sessions.workspaces.clear()
     again = open_page("Stability", session=session.id).workspace()
-    assert (again.recording.source, again.asked.window) == (PLATOON.name, Window(0.0, 60.0))
-    assert again.asked.vehicles == session.asked.vehicles
+    assert (again.recording.source, again.selection.window) == (PLATOON.name, Window(0.0, 60.0))
+    assert again.selection.vehicles == session.selection.vehicles
     assert again.result.parameters == session.result.parameters
     assert again.segment.info == session.segment.info
 
@@ -349,7 +349,7 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
             assert again.awaited.source.name == "mine.csv"
             again.open(read(raw, "mine.csv"))
         assert again.awaited is None
-        assert (again.asked.window, again.asked.vehicles, again.asked.case) == (
+        assert (again.selection.window, again.selection.vehicles, again.selection.case) == (
             Window(20.0, 70.0),
             (2, 3),
             "I",

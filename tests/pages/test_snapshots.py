@@ -7,7 +7,7 @@ import pytest
 
 from accpinn import Parameters
 from accpinn.tasks import Status, Task
-from pages.ui.session import sessions
+from pages.ui.session import saved, sessions, users
 from pages.ui.session.resources import library, task_queue
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
@@ -115,7 +115,7 @@ class TestList:
         assert shown == ["bravo"]
 
     def test_one_deleted_elsewhere_can_be_kept_again(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sessions, "is_shared", lambda: True)
+        monkeypatch.setattr(users, "is_shared", lambda: True)
         name = library().add(whole())
         page = open_page("Train", snapshot=name)
         assert "deleted from the server" not in page.plain()
@@ -124,7 +124,7 @@ class TestList:
         assert "deleted from the server" in page.plain()
         assert "deleted from the server" not in page.press("snapshots_keep").plain()
         assert library().has(name)
-        assert sessions.may_delete(page.workspace().id, name), "whoever keeps it"
+        assert saved.may_delete(page.workspace().id, name), "whoever keeps it"
 
     def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())

@@ -26,9 +26,9 @@ from accpinn.recordings.inconsistency import (
 )
 from accpinn.recordings.increments import Pair, agreement
 from accpinn.segment import SegmentFinding
-from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.cut import cut
 from accpinn.segment.quality import Grade, assess_quality, rate
-from accpinn.study.plan import car_following, plan
+from accpinn.segment.windows import car_following, complete_windows, plan
 from tests.support.openacc_files import platoon, recording
 from tests.support.pairs import DRIVES, RATES, SENSORS, Drive, drives, recorded
 from tests.support.samples import FOLDER
@@ -368,7 +368,7 @@ def test_a_window_across_a_jump_carries_the_finding() -> None:
     segment = cut(run, 10.0, 45.0, (2, 3))
     ratings = {r.question: r for r in rate(segment, run, assess_quality(segment))}
     assert ratings["consistent"].grade is Grade.POOR
-    assert car_following(recording(platoon(3, 700)), "2-3")[0].duration > 60.0
+    assert car_following(recording(platoon(3, 700)), (2, 3))[0].duration > 60.0
 
 
 def test_a_computed_gap_is_reported_but_may_be_used() -> None:

@@ -34,7 +34,7 @@ from accpinn.recordings.mapping import (
 )
 from accpinn.recordings.openacc import MetadataMissing
 from accpinn.recordings.sampling import RatesMerged, RowsMissing, TargetLost
-from accpinn.segment.cut import complete_windows
+from accpinn.segment.windows import complete_windows
 from accpinn.units import GAP_UNITS, SPEED_UNITS
 from tests.support.openacc_files import pair, platoon, table
 from tests.support.tables import STEADY, Truth, drive, frame, misread, text

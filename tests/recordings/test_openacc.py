@@ -22,7 +22,7 @@ from accpinn.recordings.increments import agreement
 from accpinn.recordings.openacc import Run, catalogue, read
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
-from accpinn.study.plan import left_out, plan
+from accpinn.segment.windows import left_out, plan
 from tests.support.openacc_files import csv, metadata, platoon
 
 F = TypeVar("F", bound=Finding)

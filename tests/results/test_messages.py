@@ -35,7 +35,7 @@ from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.estimate import Check, checks
 from accpinn.results.messages.stability import headline, platoon_reasons, reasons
 from accpinn.results.recording import driver_summary, suggestion_reasons
-from accpinn.segment.suggestion import Suggestion
+from accpinn.segment.windows import Suggestion
 from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
@@ -342,6 +342,17 @@ def test_facts_of_the_data_are_terms_and_descriptions() -> None:
     assert "Distance setting" not in rows
     assert not missing(["manual", "25 % of"], rows["Excluded"])
     assert [*map(on_result.setting, ([1.0, 0.5], "fast"))] == ["1, 0.5", "fast"]
+
+
+def test_what_parameters_mean_is_said_with_their_intervals_where_the_model_has_words() -> None:
+    span = Quantity(2.0, 1.55, 11.2)
+    values = {p.name: SimpleNamespace(span=span) for p in FOLLOWING["unequal-delay"].parameters}
+    of_car: Any = SimpleNamespace(known=(None, values))
+    said = on_estimate.meaning_of("unequal-delay", of_car)
+    assert "2.0 (1.6 to 11) times" in said
+    assert not on_estimate.meaning_of("cthp", of_car)
+    values["q"].span = Quantity(math.nan, math.nan, math.nan)
+    assert not on_estimate.meaning_of("unequal-delay", of_car)
 
 
 @pytest.mark.parametrize("model", FOLLOWING)

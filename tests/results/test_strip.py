@@ -33,18 +33,14 @@ def strip(result: Result) -> Strip:
 @pytest.mark.parametrize("made", [trained, recommended, two_windows])
 def test_a_row_holds_what_the_estimate_says(made: Callable[[], Result]) -> None:
     result = made()
-    shown, report = strip(result), result.stability
+    shown, growths = strip(result), assessed_vehicles(result).growths
     assert [row.label for row in shown.rows] == [*result.info.labels[1:]]
     assert shown.speed == result.estimate.stated_speed
     for k, row in enumerate(shown.rows):
         assert row.time_gap.quantity == result.estimate.time_gap(shown.speed, k)
-        assert row.growth.quantity.value == report.vehicles[k].peak.gain
+        assert row.growth.quantity == growths[k].gain
         assert row.l2.is_point == row.linf.is_point == (result.posterior is None)
-        if known := result.uncertainty:
-            ends = (row.growth.quantity.lower, row.growth.quantity.upper)
-            assert ends == (known.peak_gain.lower[k], known.peak_gain.upper[k])
-        else:
-            assert math.isnan(row.growth.quantity.lower)
+        assert math.isnan(row.growth.quantity.lower) == (result.posterior is None)
 
 
 def of_shares(*shares: float) -> Strip:
@@ -64,6 +60,25 @@ def test_a_mark_is_sure_above_95_and_below_5_percent_of_the_draws() -> None:
     assert not any(row.l2.is_point for row in rows)
     published = strip_of(AssessedVehicles(ASTAZERO))
     assert [row.l2.assessment for row in published.rows] == 4 * ["unstable"]
+
+
+def test_the_strip_says_how_much_time_gap_string_stability_lacks() -> None:
+    point = strip_of(AssessedVehicles(ASTAZERO))
+    margins = [
+        -vehicle.l2.distance.value for vehicle in AssessedVehicles(ASTAZERO).margins.vehicles
+    ]
+    most = int(np.argmax(margins))
+    assert point.lacking.startswith(f"{ASTAZERO.labels[most]} needs {max(margins):.2f} s more")
+    for row, margin in zip(point.rows, margins, strict=True):
+        assert f"{margin:.2f} s more" in row.l2.why
+    known = of_shares(0.0, 1.0)
+    assert "(" in known.lacking, "with the interval of the draws"
+    calm = AssessedVehicles(ParameterSet("calm", ("A",), Parameters.stack([CALM])))
+    assert strip_of(calm).lacking == ""
+    assert "to spare" in strip_of(calm).rows[0].l2.why
+    (margin,), (alone,) = calm.margins.vehicles, calm.l2_margins
+    assert alone.distance == margin.l2.distance
+    assert alone.state is margin.l2.state
 
 
 def test_trust_says_why_it_is_missing() -> None:

@@ -16,13 +16,12 @@ from accpinn.segment import BlocksMissing, Bridged, Resampled, Segment, WindowMo
 from accpinn.segment.cut import (
     DECIMALS,
     chains,
-    complete_windows,
     cut,
     default_vehicles,
-    disjoint_windows,
     parse_vehicles,
     parse_windows,
 )
+from accpinn.segment.windows import complete_windows, disjoint_windows
 from tests.support.driving import segment_of
 from tests.support.openacc_files import platoon, recording
 

@@ -28,10 +28,11 @@ from accpinn.recordings.containers import LIMIT_BYTES
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
+from accpinn.segment.windows import plan
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study.batch import batch
-from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, plan
+from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, Request, read_failures, read_request
 from accpinn.tasks import Status, TaskQueue

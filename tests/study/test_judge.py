@@ -252,6 +252,7 @@ def script(tmp_path: Path) -> Script:
     return Script.read(tmp_path / "mine.py")
 
 
+@pytest.mark.usefixtures("registries")
 def test_workers_judge_models_and_methods_of_a_script(
     recordings: Path, judgements: Judgements, script: Script, cluster: str, tmp_path: Path
 ) -> None:
@@ -272,8 +273,9 @@ def test_workers_judge_models_and_methods_of_a_script(
     by_method = found[0].scores[3]
     assert by_method.model.key == "cthp"
     assert np.isfinite(by_method.theta).all()
-    with pytest.raises(ConfigError, match="mine is registered in this process alone"):
-        judge_recordings(file, ("mine",), workers=1)
+    for key in ("mine", "mine-lag", "my-way"):
+        with pytest.raises(ConfigError, match=f"{key} is registered in this process alone"):
+            judge_recordings(file, (key,), workers=1)
 
 
 def test_a_method_is_judged_by_its_estimate_from_the_other_windows(recordings: Path) -> None:
@@ -292,6 +294,7 @@ def test_a_method_is_judged_by_its_estimate_from_the_other_windows(recordings: P
         list(judge([subject], ["no-such"]))
 
 
+@pytest.mark.usefixtures("registries")
 def test_a_model_that_fails_on_a_follower_is_told_and_the_others_go_on(recordings: Path) -> None:
     def acceleration(p: Any, v: Any, u: Any, theta: Any, xp: Any) -> Any:
         if np.size(p) > 16:  # fine where it is registered

@@ -1,7 +1,7 @@
 """One estimate: Python, command line, snapshot, batch, table and draws have the same numbers."""
 
 import sys
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +127,9 @@ def test_a_row_of_a_batch_is_the_run_of_its_window(
         if uncertainty is None:
             assert pd.isna([*ends, row["p_l2_stable"], row["level"]]).all()
             continue
+        (margin,) = result.margin().vehicles
+        distance = [row[f"margin_l2{end}"] for end in ("", "_low", "_high")]
+        assert distance == [*astuple(margin.l2.distance)]
         lower, upper = uncertainty.lower[0], uncertainty.upper[0]
         assert ends == [lower.alpha, lower.tau, upper.alpha, upper.tau]
         assert (row["p_l2_stable"], row["level"]) == (

@@ -312,6 +312,8 @@ def test_command_prints_every_format(capsys: Capture, study: Path) -> None:
         for name, (low, high) in one["intervals"].items():
             assert low < one["parameters"][name] < high
     assert found["groups"][0]["l2_stable"]["value"] < 0.5
+    margin = found["groups"][0]["margin_l2"]
+    assert margin["value"] < 0
     for kind, sign in (("text", "Ä & B"), ("csv", "alpha_low"), ("latex", r"Ä \& B")):
         assert main(["table", str(study), "--format", kind]) == 0
         assert sign in capsys.readouterr().out

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from streamlit.testing.v1 import AppTest
+from streamlit.testing.v1 import AppTest, local_script_runner
 
 from accpinn import Case, Result, Table
 from accpinn.recordings import Recording, Window, facts_of, files
@@ -21,6 +21,9 @@ from pages.ui.session import sessions
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from tests.support.command import PLATOON, ROOT
+
+# A page's script is waited for as a thread is, without a look every millisecond.
+local_script_runner.require_widgets_deltas = lambda runner, timeout: runner.join()
 
 PAGES = {"Home": "app.py"} | {
     path.stem[2:]: f"pages/{path.name}" for path in sorted((ROOT / "pages").glob("[0-9]*.py"))
@@ -212,7 +215,7 @@ def train_at_once(session: Workspace, case: Case = "II", **changes: Any) -> Resu
         case: "I" or "II".
         changes: of the estimate.
     """
-    session.asked = replace(session.asked, case=case)
+    session.selection = replace(session.selection, case=case)
     asked = session.analysis()
     assert asked
     if asked.key not in _results:

@@ -25,6 +25,8 @@ PresetName = Literal["fast", "calibrated", "paper"]
 PRESET_NAMES: tuple[str, ...] = get_args(PresetName)
 DEFAULT: PresetName = "calibrated"
 """The preset of whoever names none, in Python, on the command line and on pages."""
+QUICK: PresetName = "fast"
+"""The preset of many trainings in a row, as of the paper's tables: seconds each."""
 
 
 class PresetInfo(NamedTuple):
@@ -39,23 +41,43 @@ class PresetInfo(NamedTuple):
     has_posterior: bool = False
     """Whether its estimates have intervals, by the exact likelihood; samples may then be missing,
     and the model is a CTHP."""
+    unused: tuple[str, ...] = ()
+    """Settings without effect on its training."""
 
 
 PRESET_INFOS: dict[PresetName, PresetInfo] = {
     "calibrated": PresetInfo(
-        "Recommended", "PiNN, calibrated, with intervals.", has_posterior=True
+        "Recommended",
+        "PiNN, calibrated, with intervals.",
+        has_posterior=True,
+        unused=(
+            "learning_rate",
+            "weight_initial",
+            "initial",
+            "weight_physics",
+            "weight_data",
+            "lbfgs_iterations",
+            "test_share",
+            "batch",
+        ),
     ),
     "fast": PresetInfo(
-        "Fast", "The paper's loss, solved exactly: a point, biased where disturbances last.", True
+        "Fast",
+        "The paper's loss, solved exactly: a point, biased where disturbances last.",
+        True,
+        unused=("lbfgs_iterations", "test_share"),
     ),
     "paper": PresetInfo(
         "Paper",
         "The paper's training by gradient, many minutes: a point, biased where disturbances last.",
         True,
+        unused=("highest_frequency", "batch"),
     ),
 }
 """Every preset, in the order of pages. On pages the default one stands for the recommended method
 of the chosen model, whichever that is."""
+PAPER_PRESETS = tuple(name for name, info in PRESET_INFOS.items() if info.minimises_papers_loss)
+"""Presets whose estimates are the paper's."""
 NAMES = "fast, calibrated or paper"
 OF_PRESET: Any = None
 """The default of settings in which presets differ, until `PinnConfig` fills in the preset's."""

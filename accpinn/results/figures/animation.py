@@ -23,7 +23,7 @@ def watched(run: PlatoonRun) -> NDArray[np.intp]:
 
 
 def motion(run: PlatoonRun, cast: Cast) -> dict[str, Any]:
-    """What a browser needs to let the cars drive, as JSON has it, to what a screen shows.
+    """The motion of the cars for the browser as JSON, with the digits that a screen shows.
 
     Returns:
         "time" (N,) in s; of each vehicle, leader first, "places" (N,) of its front behind the

@@ -33,7 +33,7 @@ BAND = "rgba(128, 140, 155, 0.20)"
 BAND_POINTS = 400
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up")
-"""Of models, beside their colours."""
+"""Dashes of models, beside their colours."""
 LIMIT: style.Part = {"color": style.LEADER, "width": 1, "dash": "dash"}
 EARLY = 0.25
 """The share of an online method's track, while it still converges, that does not set the axis."""
@@ -50,7 +50,7 @@ INSIDE, OUTSIDE, EARLIER = "circle", marks.OUTSIDE.symbol, "diamond-open"
 """Symbols of estimates that lie in the recommended one's interval, outside, and of earlier runs; a
 ring stands for an extrapolated value everywhere."""
 ESTIMATED = (PARAMETERS[-1], *PARAMETERS[:-1])
-"""What is compared: τ, α and β."""
+"""The compared parameters: τ, α and β."""
 
 
 class Row(NamedTuple):
@@ -86,7 +86,7 @@ def estimates(
     points: Sequence[Row], colour: str, recommended: Row | None = None,
     truth: Parameters | None = None, earlier: Sequence[Row] = (),
 ) -> go.Figure:  # fmt: skip
-    """A mark a method for τ, α and β of one follower, below a heading for each model.
+    """Estimates of τ, α and β of one follower by every method, grouped by model.
 
     Parameters of different models mean different things, as τ beside an s₀, so each is held against
     estimates of its own model alone. The recommended estimate is on top, with its intervals as bars
@@ -135,18 +135,19 @@ def estimates(
             bar={"thickness": 2}, customdata=names,
             hover=f"%{{customdata}}<br>{_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
-        known = [float(value) for value in true[which : which + 1]]
-        shown = style.limits(np.array([low, high, *column, *known])) or [0.0, 1.0]
+        true_values = [float(value) for value in true[which : which + 1]]
+        shown = style.limits(np.array([low, high, *column, *true_values])) or [0.0, 1.0]
         if np.isfinite(low):
-            own = y[is_alike]
+            alike = y[is_alike]
             chart.shape({"type": "rect", "xref": f"x{panel}", "x0": low, "x1": min(high, shown[1]),
-                         "yref": f"y{panel}", "y0": own.min() - 0.5, "y1": own.max() + 0.5,
+                         "yref": f"y{panel}", "y0": alike.min() - 0.5, "y1": alike.max() + 0.5,
                          "fillcolor": BAND, "line": {"width": 0}, "layer": "below"})  # fmt: skip
         for model, members in groups.items():
             if truth is not None and has_terms_of(model, truth):
-                own = np.array([place[id(row)] for row in members])
-                chart.shape({"type": "line", "xref": f"x{panel}", "x0": known[0], "x1": known[0],
-                             "yref": f"y{panel}", "y0": own.min() - 0.5, "y1": own.max() + 0.5,
+                group = np.array([place[id(row)] for row in members])
+                chart.shape({"type": "line", "xref": f"x{panel}", "x0": true_values[0],
+                             "x1": true_values[0],
+                             "yref": f"y{panel}", "y0": group.min() - 0.5, "y1": group.max() + 0.5,
                              "line": style.TRUTH | {"width": 2}})  # fmt: skip
         heading = quantity.heading.replace(" [", "<br>[")  # narrow panels have no room beside it
         chart.axis(f"x{panel}", heading, side="top", range=shown, **style.ticks(shown))
@@ -175,10 +176,10 @@ def tracks(
             if track.deviation is not None:
                 around = track.deviation[:, follower, which]
                 late.append(values[-1] + around[-1] * np.array([-1, 1]))
-                known = np.flatnonzero(np.isfinite(values) & np.isfinite(around))
-                known = known[:: max(1, len(known) // BAND_POINTS)]
-                low, high = (values + around * np.array([[-1], [1]]))[:, known]
-                chart.band(start + track.time[known], low, high, colour, 0.10, panel=panel)
+                finite = np.flatnonzero(np.isfinite(values) & np.isfinite(around))
+                finite = finite[:: max(1, len(finite) // BAND_POINTS)]
+                low, high = (values + around * np.array([[-1], [1]]))[:, finite]
+                chart.band(start + track.time[finite], low, high, colour, 0.10, panel=panel)
             hover = f"{_value(quantity, 'y')}<extra>{html.escape(name)}</extra>"
             chart.line(start + track.time, values, name, colour, 2, dash, panel, hover)
         chart.axis(f"y{panel}", quantity.heading, range=style.limits(np.concatenate(late)) or None)
@@ -187,15 +188,16 @@ def tracks(
     return style.with_legend(chart.figure())
 
 
-def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
+def residual(correlograms: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
     chart = style.Chart("compare-residual", 258, style.row(2, 0.06), dragmode=False,
                         margin={"b": 67})  # fmt: skip
     titles = ("Residual with itself", "Acceleration ahead")
-    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in found)
+    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in correlograms)
     chart.axis("y*", range=[-shown, shown])
     chart.axis("y", "Correlation")
-    for panel, ((lags, values, most), title) in enumerate(zip(found, titles, strict=True), 1):
+    pairs = zip(correlograms, titles, strict=True)
+    for panel, ((lags, values, most), title) in enumerate(pairs, 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip
         chart.axis(f"x{panel}", f"{title}:<br>lag [s]")
@@ -205,7 +207,7 @@ def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
 
 
 def _value(quantity: Quantity, axis: str) -> str:
-    """What is shown when a point is hovered over: τ = 1.5200 s."""
+    """The hover text of a point, as "τ = 1.5200 s"."""
     return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
 
 
@@ -256,8 +258,8 @@ def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
     chart = style.Chart("models-errors", 330, hovermode="x unified")
     starts = np.array([f"{window.start:.0f}" for window in judged.windows])
-    for one, score in zip(followers_of(judged), judged.scores, strict=True):
-        chart.line(starts, score.rmse, one.name, one.colour, 1.5, hover="%{y:.2f} m",
+    for follower, score in zip(followers_of(judged), judged.scores, strict=True):
+        chart.line(starts, score.rmse, follower.name, follower.colour, 1.5, hover="%{y:.2f} m",
                    mode="lines+markers", marker={"size": 8})  # fmt: skip
     top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
     chart.axis("x", "Start of the window left out [s]", type="category", showgrid=False,
@@ -284,11 +286,11 @@ def peak_over_speed(
     for name, colour, model, theta, draws in followers:
         if draws is not None:
             some = np.linspace(0, len(draws) - 1, DRAWN).astype(int)
-            each = np.repeat(draws[some].T, SPEEDS, axis=1)
-            drawn = peak_gains(model, each, np.tile(speeds, DRAWN)).reshape(DRAWN, SPEEDS)
-            known = np.isfinite(drawn).all(axis=0)
-            lower, upper = interval_ends(drawn[:, known], LEVEL)
-            chart.band(3.6 * speeds[known], lower, upper, colour, OPACITY)
+            parameters = np.repeat(draws[some].T, SPEEDS, axis=1)
+            drawn = peak_gains(model, parameters, np.tile(speeds, DRAWN)).reshape(DRAWN, SPEEDS)
+            finite = np.isfinite(drawn).all(axis=0)
+            lower, upper = interval_ends(drawn[:, finite], LEVEL)
+            chart.band(3.6 * speeds[finite], lower, upper, colour, OPACITY)
             tops += upper.tolist()
         peaks = peak_gains(model, theta, speeds)
         chart.line(3.6 * speeds, peaks, name, colour, hover="%{y:.2f} dB")
@@ -306,13 +308,13 @@ def joint(estimate: Estimate, follower: int, colour: str) -> go.Figure:
 
     The estimate has a posterior; the follower is 0 for the first of M.
     """
-    known = estimate.posterior
-    assert known is not None  # as the caller knows
+    posterior = estimate.posterior
+    assert posterior is not None  # as the caller knows
     columns = columns_of(estimate.model)
     names, count = [*columns], len(columns) - 1
     chart = style.Chart(f"joint-{follower}", 60 + 150 * count, style.matrix(count))
-    rows = np.linspace(0, len(known.typical.alpha) - 1, JOINT_DRAWN).astype(int)
-    drawn = {name: estimate.values(known.typical, name)[rows, follower] for name in names}
+    rows = np.linspace(0, len(posterior.typical.alpha) - 1, JOINT_DRAWN).astype(int)
+    drawn = {name: estimate.values(posterior.typical, name)[rows, follower] for name in names}
     values = {name: estimate.span(name, follower).value for name in names}
     cross = {"color": style.LEADER, "size": 9, "symbol": "x"}
     for row, down in enumerate(names[1:]):

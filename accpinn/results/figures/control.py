@@ -1,4 +1,4 @@
-"""What control engineers ask of vehicles, as figures: poles, responses, margins, large waves."""
+"""Figures of control engineering: poles, responses, margins, large waves."""
 
 import html
 from collections.abc import Sequence
@@ -81,9 +81,9 @@ def pole_map(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure:
             chart.dots(
                 at.real.round(5), at.imag.round(5), f"cloud {k}", showlegend=False, marker=dot
             )
-    for k, (label, colour, found) in enumerate(zip(vehicles.labels, paints, every, strict=True)):
+    for k, (label, colour, modes) in enumerate(zip(vehicles.labels, paints, every, strict=True)):
         for at, what, symbol, size in (
-            (found.poles, "pole", "x-thin", 9), (found.zeros, "zero", "circle-open", 10),
+            (modes.poles, "pole", "x-thin", 9), (modes.zeros, "zero", "circle-open", 10),
         ):  # fmt: skip
             chart.dots(
                 at.real, at.imag, f"{label}, {what}", customdata=[k] * len(at),
@@ -107,10 +107,10 @@ def step_responses(subject: AssessedVehicles, height: int = HEIGHT) -> go.Figure
     for label, colour, vehicle in zip(
         vehicles.labels, colours(vehicles), vehicles.parameters, strict=True
     ):
-        found = responses(vehicle, end)
-        step = np.clip(found.step, -MOST_STEP, MOST_STEP)
+        response = responses(vehicle, end)
+        step = np.clip(response.step, -MOST_STEP, MOST_STEP)
         hover = f"%{{y:.3f}} at %{{x:.1f}} s<extra>{html.escape(label)}</extra>"
-        chart.line(found.time, step, label, colour, 2.2, hover=hover, points=600)
+        chart.line(response.time, step, label, colour, 2.2, hover=hover, points=600)
         tops.append(float(step.max()))
     chart.axis("x", TIME.axis, range=[0.0, end])
     chart.axis("y", "Step response of the speed", range=[-0.05, min(1.05 * max(tops), 3.0)])
@@ -125,21 +125,21 @@ def impulse_response(subject: AssessedVehicles, k: int, height: int = HEIGHT) ->
     label, colour = subject.vehicles.labels[k], colours(subject.vehicles)[k]
     end, gain = response_length(subject), subject.report.vehicles[k].linf_gain
     chart = style.Chart(f"impulse-response-{k}", height, hoverdistance=200)
-    found = responses(subject.vehicles.parameters[k], end)
-    h = np.nan_to_num(found.impulse, posinf=0.0, neginf=0.0)
+    response = responses(subject.vehicles.parameters[k], end)
+    h = np.nan_to_num(response.impulse, posinf=0.0, neginf=0.0)
     for part, paint, name in (
         (np.maximum(h, 0.0), colour, "above zero"), (np.minimum(h, 0.0), style.MODEL, "below zero")
     ):  # fmt: skip
-        chart.band(found.time, np.zeros_like(h), part, paint, 0.35, name)
+        chart.band(response.time, np.zeros_like(h), part, paint, 0.35, name)
     hover = f"%{{y:.4f}} 1/s at %{{x:.1f}} s<extra>{html.escape(label)}</extra>"
-    chart.line(found.time, h, label, colour, 2.2, hover=hover, points=600)
+    chart.line(response.time, h, label, colour, 2.2, hover=hover, points=600)
     chart.level("y", 0.0, LIMIT, "below")
     if np.isfinite(gain) and gain > 0:
         above, below = (gain + 1.0) / 2.0, (gain - 1.0) / 2.0
-        said = f"‖h‖₁ = {above:.3f} + {below:.3f} = <b>{gain:.3f}</b>"
+        area = f"‖h‖₁ = {above:.3f} + {below:.3f} = <b>{gain:.3f}</b>"
     else:
-        said = f"‖h‖₁ = <b>{'∞' if gain else '0'}</b>"
-    chart.words(said, 0.985, 0.985, font={"size": 14})
+        area = f"‖h‖₁ = <b>{'∞' if gain else '0'}</b>"
+    chart.words(area, 0.985, 0.985, font={"size": 14})
     low, high = float(h.min()), float(h.max())
     room = max(high - low, 1e-3)
     chart.axis("x", TIME.axis, range=[0.0, end])
@@ -159,15 +159,15 @@ def margin_forest(subject: AssessedVehicles) -> go.Figure:
     A triangle at the left end stands for a vehicle that no larger time gap makes stable, one at the
     right end for a vehicle that is stable whatever its time gap.
     """
-    found, vehicles = subject.margins, subject.vehicles
-    rows = [*vehicles.labels] + [WHOLE_NAME] * bool(found.platoon)
+    margins, vehicles = subject.margins, subject.vehicles
+    rows = [*vehicles.labels] + [WHOLE_NAME] * bool(margins.platoon)
     paints, last = [*colours(vehicles), style.LEADER], len(rows) - 1
     points = {
-        "L₂": [(v.l2.distance, v.l2.state.value) for v in found.vehicles],
-        "L∞, exact": [(v.linf.distance, v.linf.state.value) for v in found.vehicles],
+        "L₂": [(v.l2.distance, v.l2.state.value) for v in margins.vehicles],
+        "L∞, exact": [(v.linf.distance, v.linf.state.value) for v in margins.vehicles],
     }
-    if found.platoon:
-        points["L₂"].append((found.platoon, "the platoon as a whole"))
+    if margins.platoon:
+        points["L₂"].append((margins.platoon, "the platoon as a whole"))
     low, high = _reach([distance for norm in points.values() for distance, _ in norm])
     chart = style.Chart(
         "margins", 78 + 46 * len(rows), margin={"l": 118, "r": 14, "t": 10, "b": 42},

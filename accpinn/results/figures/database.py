@@ -32,7 +32,7 @@ from accpinn.units import FloatArray, Mask
 MOST_GROUPS = 24
 """Largest number of groups in a forest plot; those with most windows are drawn."""
 LINE, NARROW_LINE, RIM, LEAST_HEIGHT = 28, 20, 76, 130
-"""Pixels of a group, of one among many, of what is above and below all of them, and of a plot."""
+"""Heights in pixels: of a group, of one among many, of the margins, and of a plot."""
 FEW, MOST_TICKS = 10, 5
 WIDTHS = (0.46, 0.34, 0.2)
 """Shares of the panels of a forest plot."""
@@ -51,7 +51,7 @@ CLASSES = (
     ("L₂ and L∞ stable (diamond)", STABLE, "diamond"),
     ("no gap control, or not determined (–)", IDLE, "line-ew-open"),
 )
-"""What a point in the plane is by its string stability, with its colour and symbol."""
+"""Verdicts of a point in the plane, with colour and symbol."""
 TONES: dict[Assessment, str] = {
     "stable": style.FOLLOWERS[3],
     "unstable": style.MODEL,
@@ -68,7 +68,7 @@ UNITS_OF_TAU = (
     Quantity("Gain on spacing in units of τ", "ατ²", "", 3, 0.0, 10.0),
     Quantity("Gain on relative speed in units of τ", "βτ", "", 3, 0.0, 10.0),
 )
-"""Of the plane's axes."""
+"""Quantities on the plane's axes."""
 
 
 def forest(grouped: Groups) -> go.Figure:
@@ -108,7 +108,7 @@ def forest(grouped: Groups) -> go.Figure:
         middle, *ends = np.clip(part, low, high).T
         chart.dots(middle, places, panel=panel, marker={"opacity": 0}, along="x",
                    ends=(ends[2], ends[3]), bar={"color": COLOUR, "thickness": 1})  # fmt: skip
-        told = [
+        texts = [
             (name, *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row), group.windows)
             for name, row, group in zip(names, part, groups, strict=True)
         ]
@@ -118,7 +118,7 @@ def forest(grouped: Groups) -> go.Figure:
             f" (%{{customdata[2]}} to %{{customdata[3]}}{further}), %{{customdata[6]}} windows"
             "<extra></extra>"
         )
-        chart.dots(middle, places, quantity.symbol, panel, hover, customdata=told, along="x",
+        chart.dots(middle, places, quantity.symbol, panel, hover, customdata=texts, along="x",
                    ends=(ends[0], ends[1]), bar={"thickness": 2.4, "color": COLOUR},
                    marker={"color": COLOUR, "size": sizes, "symbol": symbols,
                            "line": {"width": 2, "color": COLOUR}},
@@ -143,14 +143,14 @@ def _mark_stability(chart: style.Chart, groups: Sequence[Group], names: Sequence
     for x, (title, attribute) in enumerate((("L₂", "l2_stable"), ("L∞", "linf_stable"))):
         shares = [float(getattr(group, attribute).value) for group in groups]
         verdicts = [assessment(share) for share in shares]
-        said = [
+        reasons = [
             f"{name}<br>{title} string stable: {verdict}"
             + (f", probability {probability(share)}" if np.isfinite(share) else "")
             for name, verdict, share in zip(names, verdicts, shares, strict=True)
         ]
         chart.add(
             [x] * len(groups), np.arange(len(groups)), title, 3, mode="text", showlegend=False,
-            text=[GLYPHS[verdict] for verdict in verdicts], customdata=said,
+            text=[GLYPHS[verdict] for verdict in verdicts], customdata=reasons,
             hovertemplate="%{customdata}<extra></extra>",
             textfont={"color": [TONES[verdict] for verdict in verdicts], "size": 15},
         )  # fmt: skip
@@ -178,12 +178,12 @@ def _axis(values: FloatArray, least: float) -> tuple[float, float]:
     The axis begins at the least value, where one above zero is given.
     """
     medians = values[:, 0]
-    known = medians[np.isfinite(medians) & (medians > 0)]
-    if not len(known):
+    finite = medians[np.isfinite(medians) & (medians > 0)]
+    if not len(finite):
         return least, least + 1.0
     ends = values[:, 1:][np.isfinite(values[:, 1:])]
-    low = least or max(0.0, known.min() - 1.0, min(known.min(), ends.min(initial=np.inf)) - 0.1)
-    high = min(known.max() + 1.0, max(known.max(), ends.max(initial=0)) + 0.1)
+    low = least or max(0.0, finite.min() - 1.0, min(finite.min(), ends.min(initial=np.inf)) - 0.1)
+    high = min(finite.max() + 1.0, max(finite.max(), ends.max(initial=0)) + 0.1)
     return float(low - 0.02 * (high - low) if low == least else low), float(high)
 
 
@@ -196,7 +196,7 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
 
 
 def plane(rows: pd.DataFrame) -> go.Figure:
-    """α and β of each row, by its string stability, and where that begins.
+    """α and β of each row with its string stability, and the stability boundaries.
 
     Where no vehicle has a lag or a delay, the axes are ατ² and βτ, in which one boundary of each
     criterion holds for all. A vehicle that has one has boundaries of its own, so with such a row

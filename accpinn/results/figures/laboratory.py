@@ -1,4 +1,4 @@
-"""The frequency laboratory: the responses, and what a browser needs to let cars follow them.
+"""The frequency laboratory: responses, and the data from which a browser draws the cars' waves.
 
 The browser marks a frequency on the curves and draws the steady motion of the cars itself, from
 each car's complex gain at all frequencies on offer: moving the frequency takes no server.
@@ -86,7 +86,7 @@ def response_curves(subject: AssessedVehicles, part: Part, height: int) -> go.Fi
 
 
 def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
-    """Draw what the paper's conditions ask of the curves.
+    """Draw the limits that the paper's conditions set to the curves.
 
     L₂ asks |H| ≤ 0 dB everywhere. L∞, D > 0, is a condition on one point: by
 
@@ -96,14 +96,14 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
     the paper's model does not have, the stem ends where that curve passes without them.
     """
     chart, paints = style.Chart("conditions", 0), colours(vehicles)
-    known = " without lag and delay" * is_lagged(vehicles.parameters)
+    without = " without lag and delay" * is_lagged(vehicles.parameters)
     for k, (alpha, alpha_tau, beta) in enumerate(vehicles.parameters.theta.tolist()):
         if not alpha:
             continue
-        asked = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
+        denominators = np.array([4.0 * alpha, (alpha_tau + beta) ** 2])
         with np.errstate(divide="ignore"):  # an undamped vehicle in resonance
-            limit, level = decibels(np.sqrt((alpha + beta**2) / asked)).tolist()
-        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{known}"
+            limit, level = decibels(np.sqrt((alpha + beta**2) / denominators)).tolist()
+        words = f"{'met' if level < limit else 'not met'}, {level:.2f} dB{without}"
         chart.line(
             [alpha**0.5] * 2, [limit, level], CONDITION, paints[k], 1.2, "dot", opacity=0.8,
             mode="lines+markers", showlegend=False,
@@ -120,7 +120,7 @@ def _draw_conditions(parts: style.Part, vehicles: ParameterSet) -> None:
 def frequency_data(
     subject: AssessedVehicles, cast: Cast, part: Part, offered: Sequence[RadiansPerSecond]
 ) -> dict[str, Any]:
-    """What the browser draws at any of the offered frequencies, as JSON has it.
+    """The data that the browser draws at any of the offered frequencies, as JSON.
 
     Returns:
         "omega" (K,); of each of the platoon's different vehicles its gain H(jω) as real and
@@ -132,9 +132,14 @@ def frequency_data(
     omega, vehicles = np.array(offered), subject.vehicles
     different = [*dict.fromkeys(cast.order)]
     gains = steady_gains(cast.vehicles.parameters[different], omega)
-    values, (unit, decimals) = _curves(vehicles.parameters, part, omega), UNITS[part]
+    parameters, (unit, decimals) = vehicles.parameters, UNITS[part]
+    if part == "magnitude":
+        values = decibels(np.abs(response(parameters, omega)))
+    else:
+        values = phases(parameters, omega)
     names, paints = [*vehicles.labels], [*colours(vehicles)]
     if len(vehicles) > 1:
+        values = np.vstack([values, values.sum(axis=0)])
         names, paints = [*names, WHOLE_NAME], [*paints, style.LEADER]
     return {
         "omega": [*offered],
@@ -160,15 +165,6 @@ def frequency_data(
         "time": TIME.axis,
         "speed": "Speed about the mean [m/s]",
     }
-
-
-def _curves(parameters: Parameters, part: Part, omega: FloatArray) -> FloatArray:
-    """(V, K) dB or degrees of every vehicle; of several, then of all in a row."""
-    is_magnitude = part == "magnitude"
-    single = (
-        decibels(np.abs(response(parameters, omega))) if is_magnitude else phases(parameters, omega)
-    )
-    return single if len(single) == 1 else np.vstack([single, single.sum(axis=0)])
 
 
 def _sent(values: NDArray[np.float64]) -> list[float | None]:

@@ -97,7 +97,7 @@ def _shade(colour: str, share: float | None) -> str:
 
 
 def close_up(run: PlatoonRun) -> Span:
-    """The part worth a closer look.
+    """The part of a run for a close-up.
 
     The last periods of a sinusoid, or what follows another disturbance; where a vehicle collides,
     what goes before. With a recorded leader it is the whole run.
@@ -132,10 +132,10 @@ def profiles(
     start, end = span or (-np.inf, np.inf)
     rows = np.flatnonzero((driven.time >= start - 1e-9) & (driven.time <= end + 1e-9))
     if measured:
-        time, own = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
+        time, recorded = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
         for k, label in enumerate(measured.labels[1:]):
             speeds, gaps = measured.measured_speeds[:, k + 1], measured.measured_gaps[:, k]
-            _draw(chart, time, f"{label}, measured", own[k + 1], speeds, gaps, width=1.3,
+            _draw(chart, time, f"{label}, measured", recorded[k + 1], speeds, gaps, width=1.3,
                   dash="dot", opacity=MEASURED_OPACITY, legendrank=100 + k)  # fmt: skip
     if linear:
         for k, label in enumerate(cast.labels[1:]):
@@ -270,8 +270,8 @@ def _draw_tracks(
     Places (K, V) in m are nan where a vehicle drives no more. Levels (K, V) are speeds, -1 to 1.
     """
     between = (levels[:-1] + levels[1:]) / 2  # nan where either end is
-    known = np.isfinite(between)
-    shade = np.where(known, ((np.nan_to_num(between) + 1) / 2 * (SHADES - 1)).round(), -1)
+    is_driving = np.isfinite(between)
+    shade = np.where(is_driving, ((np.nan_to_num(between) + 1) / 2 * (SHADES - 1)).round(), -1)
     for index, colour in enumerate(sample_colorscale(TRACK_SCALE, SHADES)):
         x, y = list[float](), list[float]()
         for k in range(places.shape[1]):

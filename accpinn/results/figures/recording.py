@@ -67,14 +67,14 @@ GRADE_COLOURS = {
 """Colour of each grade's mark on a chart; the marks differ in shape."""
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
-"""What each view of a recording draws, a panel each."""
+"""The panels of each view of a recording."""
 DOTTED = {"color": style.LEADER, "width": 1, "dash": "dot"}
 PANELS = 270
 """Pixels of all panels together, without strips."""
 BEGINNING: Seconds = 180.0
 """Time that a first look at a recording shows."""
 HIGHEST_TIME_GAP: Seconds = 5.0
-"""Larger ones mean free driving, and would flatten what matters."""
+"""Largest drawn time gap in s; larger ones mean free driving."""
 TOTAL_POINTS = 12_000
 """Largest number of points of all curves together: ten vehicles are drawn as fast as two."""
 ROW = 11
@@ -94,7 +94,7 @@ def overview(
     highlight: int = 0,
     several: Sequence[RatedWindow] = (),
 ) -> go.Figure:
-    """A whole recording over time, the window on it, and what each vehicle does.
+    """A whole recording over time with its window and each vehicle's motion.
 
     The chosen vehicles, leader first, are not faint; with the number of a follower to highlight,
     these are only that and the one ahead of it. Ribbons are strips of bars, from the top down (see
@@ -163,7 +163,7 @@ def overview(
 WINDOWS_STYLE = STYLE + (
     f"<style>\n{(Path(__file__).parent / 'windows.css').read_text(encoding='utf-8')}</style>"
 )
-"""What `windows_html` needs once on a page."""
+"""The style of `windows_html`, once on a page."""
 
 
 def windows_html(rows: Sequence[RatedWindow], about: Labelled) -> str:

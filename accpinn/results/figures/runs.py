@@ -29,10 +29,10 @@ from accpinn.units import MetresPerSecond, Quantity, Seconds
 STYLE = STRIP_STYLE + (
     f"<style>\n{(Path(__file__).parent / 'runs.css').read_text(encoding='utf-8')}</style>"
 )
-"""What the rows need once on a page."""
+"""The style of the rows, once on a page."""
 LARGEST_GAP: Seconds = 5.0
 LARGEST_GROWTH = 3.0
-"""Where the axes end at the latest; what lies beyond is drawn at their ends."""
+"""Largest ends of the axes; values beyond are drawn at the ends."""
 UNKNOWN = "–"
 
 
@@ -74,16 +74,20 @@ class Axes:
             axis: Axis, values: Sequence[Quantity], text: Callable[[float], str],
             words: Callable[[Quantity], str],
         ) -> dict[str, object]:  # fmt: skip
-            said = [f"{name}: {words(q)}." for name, q in zip(names, values, strict=False)]
+            sentences = [f"{name}: {words(q)}." for name, q in zip(names, values, strict=False)]
             places = enumerate(zip(values, colours, strict=False))
             points = [
                 axis.point(Estimated(q, ""), "")
                 | {"colour": colour, "top": round(100 * (k + 0.5) / len(values), 1)}
                 for k, (q, colour) in places
             ]
-            return {"points": points, "text": _range(values, text), "why": "\n".join(said)}
+            return {"points": points, "text": _range(values, text), "why": "\n".join(sentences)}
 
-        gap = cell(self.gaps, entry.time_gaps, "{:.2f}".format, lambda q: _gap(q, entry.speed))
+        def about_gap(gap: Quantity) -> str:
+            is_known = not isnan(gap.value)
+            return time_gap_in_words(gap, entry.speed) if is_known else "not determined"
+
+        gap = cell(self.gaps, entry.time_gaps, "{:.2f}".format, about_gap)
         growth = cell(self.growths, entry.growths, _times, _growth)
         row: dict[str, object] = {"gap": gap, "growth": growth, "when": when(entry.created, now)}
         return self._render(row)
@@ -97,10 +101,10 @@ class Axes:
 
 def _range(values: Sequence[Quantity], text: Callable[[float], str]) -> str:
     """The value, or the least and the largest of several."""
-    known = sorted(q.value for q in values if not isnan(q.value))
-    if not known:
+    estimates = sorted(q.value for q in values if not isnan(q.value))
+    if not estimates:
         return UNKNOWN
-    least, most = text(known[0]), text(known[-1])
+    least, most = text(estimates[0]), text(estimates[-1])
     return most if least == most else f"{least.rstrip('×')}–{most}"
 
 
@@ -108,10 +112,6 @@ def _times(value: float) -> str:
     if value == inf:
         return "∞"
     return f"{value:.2f}×" if value < FOLD else f"{value:.0f}×"
-
-
-def _gap(gap: Quantity, speed: MetresPerSecond) -> str:
-    return "not determined" if isnan(gap.value) else time_gap_in_words(gap, speed)
 
 
 def _growth(growth: Quantity) -> str:

@@ -24,7 +24,7 @@ from accpinn.study.vehicles import AssessedVehicles
 from accpinn.units import FloatArray, RadiansPerSecond, interval_ends
 
 QUANTITIES = (ALPHA, BETA, TAU)
-"""What stands on a map's axes, by its place in `Parameters`."""
+"""The parameters on a map's axes, by place in `Parameters`."""
 L2, PAPER, EXACT = style.SERIES[0], style.LEADER, style.MODEL
 """Colours of the three criteria; vehicles have others."""
 L2_UNSTABLE = "rgba(194, 47, 79, 0.10)"
@@ -52,7 +52,7 @@ CRITERIA_KEY = (
     ("L∞: the paper's criterion", PAPER),
     ("L∞: exact gain ‖h‖₁", EXACT),
 )
-"""What the lines of the figures below mean; a page shows it above them."""
+"""The key of the figures below, which a page shows above them."""
 MAP_KEY = (
     ("L₂", L2),
     ("L∞, the paper's criterion", PAPER),
@@ -74,6 +74,7 @@ LOWEST = -60.0
 """dB that stands for a gain of zero."""
 WHOLE, WHOLE_NAME = -1, "All cars in order"
 """The platoon in place of one vehicle's index, and the name of its curve."""
+PLATOON_MEASURED = "All cars in order, measured"
 
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
@@ -102,13 +103,14 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     determined. Measured gains are points with bars. The height is in pixels.
     """
     vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
-    measured = measured_of(subject)
+    measured, platoon = measured_of(subject), _measured_platoon(subject)
     omega, paints = frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
     tops = [*(vehicle.peak.db for vehicle in report.vehicles), report.platoon.peaks[-1].db, 1.0]
     tops += [float(decibels(g.upper[compared(g)]).max(initial=1.0)) for _, _, g in measured]
     tops += [float(upper.max()) for _, upper in bands.values()]
+    tops += [float(platoon[1:].max())] if platoon.size else []
     top = min(max(tops) * 1.12 + 0.4, CEILING)
     chart = style.Chart("bode", height, hoverdistance=200, clickmode="event+select")
     chart.area("y", 0, top, L2_UNSTABLE)
@@ -117,10 +119,17 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     along = np.geomspace(omega[0], omega[-1], BAND_POINTS)
     for k, (lower, upper) in bands.items():
         chart.band(along, lower, upper, paints[k], BAND_OPACITY, f"band {k}")
-    for one in measured:
-        _draw_measured(chart, *one, top)
+    for label, colour, gain in measured:
+        _draw_measured(chart, label, colour, gain, top)
     for k, (label, colour) in enumerate(zip(vehicles.labels, paints, strict=True)):
         draw_clickable(chart, omega, decibels(gains[k]), k, label, colour)
+    if platoon.size:
+        at, lower, upper, level = platoon
+        chart.band(at, lower, upper, style.LEADER, BAND_OPACITY, "band of the measured platoon")
+        chart.line(
+            at, level, PLATOON_MEASURED, style.LEADER, 2.2,
+            hover=f"{AT}<extra>{PLATOON_MEASURED}</extra>", showlegend=False,
+        )  # fmt: skip
     if len(vehicles) > 1:
         whole = gains.prod(axis=0)
         draw_clickable(chart, omega, decibels(whole), WHOLE, WHOLE_NAME, style.LEADER)
@@ -129,6 +138,17 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     chart.axis("x", AXIS_OF_FREQUENCY, type="log", range=ends, **TICKS)
     chart.axis("y", f"{MAGNITUDE.name} {MAGNITUDE.heading}", range=[FLOOR - FOOT, top])
     return chart.figure()
+
+
+def _measured_platoon(subject: AssessedVehicles) -> FloatArray:
+    """(4, K) ω, and in dB both ends and the middle of the measured platoon's band; else empty."""
+    many = len(subject.vehicles) > 1
+    growth = subject.measured_growth(range(len(subject.vehicles))) if many else None
+    if growth is None:
+        return np.empty((4, 0))
+    used = growth.is_measured & (growth.omega >= SPAN[0]) & (growth.omega <= SPAN[1])
+    ends = growth.lower[used], growth.upper[used], growth.gain[used]
+    return np.vstack([growth.omega[used], np.clip(decibels(np.array(ends)), FLOOR - FOOT, None)])
 
 
 def _draw_measured(
@@ -252,7 +272,7 @@ def criteria_by_vehicle(subject: AssessedVehicles) -> go.Figure:
 
 
 def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figure:
-    """Where the criteria's boundaries run in a plane of two parameters, and the vehicles on it.
+    """The boundaries of the criteria in a plane of two parameters, with the vehicles.
 
     The map keeps the third parameter, the lag and the delay of the vehicle of index ``held``, and
     says so. The uncertainty adds parameter sets consistent with the data; one with α = 0 has no
@@ -262,10 +282,10 @@ def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figu
     chart = style.Chart(
         f"map-{plane}-{held}", 420, margin={"l": 62, "r": 14, "t": 30, "b": 42}, hoverdistance=30
     )
-    kept, (first, second) = vehicles.parameters[held], AXES[plane]
+    parameters, (first, second) = vehicles.parameters[held], AXES[plane]
     x, y = (vehicles.parameters.complete[:, place] for place in (first, second))
-    right, top = _right(x, first), _top(y, second, kept)
-    region = stable_region(kept, plane, right, top)
+    right, top = _right(x, first), _top(y, second, parameters)
+    region = stable_region(parameters, plane, right, top)
     if uncertainty:
         _draw_clouds(chart, vehicles, uncertainty, plane)
     _draw_regions(chart, region, top)
@@ -302,14 +322,14 @@ def stability_map(subject: AssessedVehicles, held: int, plane: Plane) -> go.Figu
     chart.words("L₂ unstable", 0.985 if is_along_alpha else 0.015, 0.015)  # beside the hatching
     _name_stable(chart, region, right, top)
     chart.words(
-        f"with {held_text(kept, plane)} of {html.escape(vehicles.labels[held])}", 0.0, 1.0,
+        f"with {held_text(parameters, plane)} of {html.escape(vehicles.labels[held])}", 0.0, 1.0,
         yanchor="bottom",
     )  # fmt: skip
     return chart.figure()
 
 
 def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -> None:
-    """Write what is stable into the widest column of the region that is seen."""
+    """Write the name of the stable region into its widest visible column."""
     for limits, text in ((region.linf, "L∞ stable"), (region.l2, "L₂ stable")):
         seen = np.minimum(limits.upper, top) - limits.lower
         if np.nanmax(np.append(seen, 0.0)) > LEAST_SEEN * top:
@@ -325,7 +345,7 @@ def _name_stable(chart: style.Chart, region: Region, right: float, top: float) -
 
 
 def held_text(vehicle: Parameters, plane: Plane) -> str:
-    """What a map keeps of a vehicle, as "α 0.073, d 0.55 s"."""
+    """The parameters that a map keeps of a vehicle, as "α 0.073, d 0.55 s"."""
     third = ({0, 1, 2} - {*AXES[plane]}).pop()
     quantity = QUANTITIES[third]
     unit = f" {quantity.unit}" if quantity is TAU else ""
@@ -411,11 +431,11 @@ def _draw_clouds(
 
 
 def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
-    """What the clouds show, and the share of the draws that the map does not show."""
-    known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
+    """The meaning of the clouds, and the share of draws outside the map."""
+    draws = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
     ends = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    outside = (known[..., [*AXES[plane]]] > ends).any(axis=-1)
-    beyond = float(outside.mean()) if known.size else 0.0
+    outside = (draws[..., [*AXES[plane]]] > ends).any(axis=-1)
+    beyond = float(outside.mean()) if draws.size else 0.0
     missing = f"; {100 * beyond:.0f} % of them lie beyond the map" if beyond >= 0.005 else ""
     return f"Clouds: parameter sets consistent with the data{missing}."
 
@@ -456,7 +476,7 @@ def _draw_plain(
 def paper_bode(
     vehicles: ParameterSet, learned: Parameters | None = None, height: int = 230
 ) -> go.Figure:
-    """One of the paper's two Bode plots, by its Table III, and what its text says of it.
+    """One of the paper's two Bode plots by its Table III, with the values of its text.
 
     Learned parameters (M,) are dashed. A cross marks the text's largest amplitude, vertical lines
     the frequencies of the four panels. The height is in pixels.
@@ -511,12 +531,12 @@ def measured_bode(
     ):
         marker = {"color": style.LEADER, "size": 7, "symbol": symbol}
         bars = (ends[0][part], ends[1][part]) if opacity == 1 else None
-        said = f"{name}, {words}"
-        for panel, values, label in (
-            (1, levels, said), (2, measured.coherence, f"coherence, {said}"),
+        label = f"{name}, {words}"
+        for panel, values, title in (
+            (1, levels, label), (2, measured.coherence, f"coherence, {label}"),
         ):  # fmt: skip
             chart.dots(
-                measured.omega[part], values[part], label, panel, "%{y:.2f} at %{x:.3f} rad/s",
+                measured.omega[part], values[part], title, panel, "%{y:.2f} at %{x:.3f} rad/s",
                 marker=marker, ends=bars if panel == 1 else None, bar={"thickness": 1.2},
                 opacity=opacity, showlegend=panel == 1,
             )  # fmt: skip

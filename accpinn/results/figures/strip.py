@@ -21,7 +21,7 @@ from accpinn.units import Quantity
 
 HERE = Path(__file__).parent
 STYLE = f"<style>\n{(HERE / 'strip.css').read_text(encoding='utf-8')}</style>"
-"""What `strip_html` needs once on a page."""
+"""The style of `strip_html`, once on a page."""
 GLYPHS: dict[Assessment, str] = {
     "stable": marks.YES,
     "unstable": marks.NO,

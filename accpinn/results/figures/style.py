@@ -35,7 +35,7 @@ SERIES = ("#55900f", "#d01cb4", "#84549c")
 """Lines that belong to no vehicle, as methods or terms of a loss; unlike every vehicle's colour,
 with the same contrast."""
 SHARED = SERIES[2]
-"""What all followers share, as the parameters of Case I."""
+"""Colour of values that all followers share, as the parameters of Case I."""
 MODEL = "#c22f4f"
 """The closed-loop simulation, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
@@ -118,7 +118,7 @@ def parts_of(figure: go.Figure) -> Part:
 
 
 def _copied(part: Any, leaf: Callable[[Any], Any] = lambda value: value) -> Any:
-    """Dictionaries and lists anew, and of all else what becomes of it."""
+    """Copy dictionaries and lists, and convert all other values."""
     if isinstance(part, dict):
         return {name: _copied(value, leaf) for name, value in part.items()}
     return [_copied(value, leaf) for value in part] if isinstance(part, list) else leaf(part)
@@ -136,7 +136,7 @@ def _packed(part: Any) -> Any:
 
 @lru_cache(maxsize=4)
 def _template(name: str) -> Part:
-    """One of plotly's templates as it is sent."""
+    """One of plotly's templates as JSON."""
     return dict(templates[name].to_plotly_json())
 
 
@@ -181,9 +181,9 @@ class Chart:
     def axis(self, name: str, title: str = "", **look: Any) -> None:
         """Set the title and look of an axis; "x" or "y" with a star sets those of all panels."""
         names = [n for n in self._axes if n[0] == name[0]] if name[1:] == "*" else [_axis(name)]
-        for one in names:
-            part = self._axes.setdefault(one, dict(AXIS))
-            about: Part = {"text": title, "standoff": STANDOFF[one[0]]} if title else {}
+        for key in names:
+            part = self._axes.setdefault(key, dict(AXIS))
+            about: Part = {"text": title, "standoff": STANDOFF[key[0]]} if title else {}
             part.update(look, title=part.get("title", {}) | about)
 
     def add(self, x: Any, y: Any, name: str = "", panel: int = 0, **look: Any) -> None:
@@ -237,7 +237,7 @@ class Chart:
         self._across(axis, at, at, {"type": "line", "line": line, "layer": layer})
 
     def area(self, axis: str, low: float, high: float, colour: str) -> None:
-        """Shade what lies between two values of an axis, beneath all else."""
+        """Shade the area between two values of an axis, beneath all else."""
         look = {"type": "rect", "fillcolor": colour, "line": {"width": 0}, "layer": "below"}
         self._across(axis, low, high, look)
 
@@ -278,10 +278,10 @@ class Chart:
                 axis |= {"showspikes": True, "spikemode": "across", "spikesnap": "cursor",
                          "spikethickness": 1, "spikedash": "dot", "spikecolor": LEADER}  # fmt: skip
         for trace in self._traces:
-            told = trace.get("hovertemplate", "")
-            if self._has_channels and "%{y" in told and "%{x" not in told:
-                value, mark, rest = told.partition("<extra>")
-                trace["hovertemplate"] = f"{value} at %{{x:.1f}} s{mark}{rest}"
+            template = trace.get("hovertemplate", "")
+            if self._has_channels and "%{y" in template and "%{x" not in template:
+                value, mark, extra = template.partition("<extra>")
+                trace["hovertemplate"] = f"{value} at %{{x:.1f}} s{mark}{extra}"
 
 
 def thumbnail() -> Chart:
@@ -314,7 +314,7 @@ def row(
 
 
 def matrix(count: int) -> Mapping[str, Part]:
-    """As many rows as columns of panels, with one scale in each row and each column."""
+    """A square of panels with one scale in each row and each column."""
     return _grid(
         rows=count, cols=count, shared_xaxes=True, shared_yaxes=True,
         horizontal_spacing=0.02, vertical_spacing=0.03,
@@ -329,7 +329,7 @@ def _grid(**options: Any) -> Mapping[str, Part]:
 
 
 def limits(values: FloatArray) -> list[float]:
-    """Axis limits around what is finite, with 8 % of its range as margin; else empty."""
+    """Axis limits around the finite values with a margin of 8 % of their range; else empty."""
     values = values[np.isfinite(values)]
     if not len(values):
         return []
@@ -352,13 +352,13 @@ def thinned(time: FloatArray, values: FloatArray, points: int = POINTS) -> tuple
     padded[:count] = values
     table = padded.reshape(bins, width)
     missing = np.isnan(table)
-    kept = [
+    picked = [
         np.where(missing, np.inf, table).argmin(axis=1),
         np.where(missing, -np.inf, table).argmax(axis=1),
         missing.argmax(axis=1),
     ]
     offsets = np.arange(bins) * width
-    rows = np.unique(np.concatenate([[0, count - 1], *(offsets + at for at in kept)]))
+    rows = np.unique(np.concatenate([[0, count - 1], *(offsets + at for at in picked)]))
     rows = rows[rows < count]
     return time[rows], values[rows]
 

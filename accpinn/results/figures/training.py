@@ -64,7 +64,7 @@ def course(
     moment: int | None = None,
     height: int = COURSE,
 ) -> go.Figure:
-    """What is optimised and each parameter over the iterations, one panel below the other.
+    """The objective and each parameter over the iterations, one panel below the other.
 
     A loss has a logarithmic axis. The log likelihood is drawn as its difference from the last
     value, as it has too many digits for an axis.
@@ -86,9 +86,12 @@ def course(
     is_long = history.iteration.max(initial=0) >= LONG
     # A logarithmic axis has no zero, and some dozens are seen better on another one.
     at = np.maximum(history.iteration, 1.0 if is_long else 0.0)
+    low, high = float(at.min(initial=0.0)), max(float(at.max(initial=0.0)), 1.0)
+    rim = 0.02 * (high - low)
     if is_long:
-        chart.axis("x*", type="log", dtick=1)
-    chart.axis("x*", range=_along(at, is_long))
+        chart.axis("x*", type="log", dtick=1, range=[0.0, 1.02 * float(np.log10(high))])
+    else:
+        chart.axis("x*", range=[low - rim, high + rim])
     chart.axis(f"x{1 + len(names)}", "Iteration")
     marks = _loss(chart, history, at)
     for panel, name in enumerate(names, 2):
@@ -106,15 +109,6 @@ def course(
 
 Marks = list[tuple[int, FloatArray, str]]
 """Panel, values (K,) and colour of each line on which a moment is marked."""
-
-
-def _along(at: FloatArray, is_long: bool) -> list[float]:
-    """Limits of the axis of iterations."""
-    low, high = float(at.min(initial=0.0)), max(float(at.max(initial=0.0)), 1.0)
-    if is_long:
-        return [0.0, float(np.log10(high)) * 1.02]
-    rim = 0.02 * (high - low)
-    return [low - rim, high + rim]
 
 
 def _line(
@@ -245,7 +239,7 @@ class Curves:
     level: float = 0.0
     """Level of the band."""
     about: str = ""
-    """What is drawn beside the data."""
+    """Curves drawn beside the data."""
 
 
 def driven(
@@ -283,15 +277,15 @@ def tracking_at(
 
 def curves_in(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = NETWORK,
+    simulation: Trajectories | None = None, curve_name: str = NETWORK,
     disturbance: FloatArray | None = None,
 ) -> Curves:  # fmt: skip
     """One follower (0 for the first) in a segment, with curves and a disturbance (N, M) in m/s².
 
     The simulation is of this follower alone, behind the measured vehicle ahead, as one column;
-    ``own`` names the curves.
+    ``curve_name`` names the curves.
     """
-    given = {DATA: (segment.measured, follower), own: (curves, follower)}
+    given = {DATA: (segment.measured, follower), curve_name: (curves, follower)}
     lines = {
         name: Trajectories(segment.start + of.time, of.speeds[:, [k, k + 1]], of.gaps[:, [k]])
         for name, (of, k) in (given | {SIMULATION: (simulation, 0)}).items()
@@ -332,8 +326,8 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
     measured = np.interp(band.time, segment.time, segment.measured.gaps[:, follower])
     ends = band.lower[:, follower], band.upper[:, follower]
     parts = np.array([segment.start + band.time, *ends, measured])
-    known = np.flatnonzero(np.isfinite(parts[1]))
-    pieces = np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
+    finite = np.flatnonzero(np.isfinite(parts[1]))
+    pieces = np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else []
     step = 1 + len(measured) // BAND_POINTS
     drawn = tuple(parts[:, piece[::step]] for piece in pieces)
     return replace(curves, band=drawn, level=band.level)
@@ -341,11 +335,11 @@ def curves_of(result: Result, follower: int, window: int = 0) -> Curves:
 
 def tracking(
     segment: Segment, follower: int, curves: Trajectories | None = None,
-    simulation: Trajectories | None = None, own: str = NETWORK,
+    simulation: Trajectories | None = None, curve_name: str = NETWORK,
     disturbance: FloatArray | None = None, height: int | None = None,
 ) -> go.Figure:  # fmt: skip
     """The chart `drive` of `curves_in` a segment, without the gap's error."""
-    numbers = curves_in(segment, follower, curves, simulation, own, disturbance)
+    numbers = curves_in(segment, follower, curves, simulation, curve_name, disturbance)
     return drive(numbers, with_error=False, height=height)
 
 
@@ -415,7 +409,7 @@ def forest(description: Description, follower: int) -> go.Figure:
     chart = style.Chart(f"forest-{follower}", 300)
     span = described.values.time_gap.span
     alone = [values.time_gap.span for values in described.windows]
-    gaps, low, high = np.array([(one.value, one.lower, one.upper) for one in alone]).T
+    gaps, low, high = np.array([(gap.value, gap.lower, gap.upper) for gap in alone]).T
     low, high = np.fmin(low, gaps), np.fmax(high, gaps)  # a point has no ends
     ends = np.array([[info.window.start, info.window.end] for info in description.infos])
     margin = 0.03 * max(float(np.ptp(ends)), 1.0)

@@ -226,12 +226,16 @@ def meaning_of(model: str, follower: FollowerDescription) -> str:
     spans = {name: value.span for name, value in follower.values.parameters.items()}
     if any(isnan(span.value) for span in spans.values()):
         return ""
-    values = {
-        name: f"{span.value:.2g}"
-        + ("" if isnan(span.lower) else f" ({span.lower:.2g} to {span.upper:.2g})")
-        for name, span in spans.items()
-    }
+    values = {name: _two(span.value) for name, span in spans.items()}
+    for name, span in spans.items():
+        if not isnan(span.lower):
+            values[name] += f" ({_two(span.lower)} to {_two(span.upper)})"
     return FOLLOWING[model].meaning.format_map(values)
+
+
+def _two(value: float) -> str:
+    """Two significant digits, including a zero at the end."""
+    return f"{value:#.2g}".rstrip(".")
 
 
 def about_band(model: str) -> str:

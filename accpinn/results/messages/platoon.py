@@ -80,6 +80,17 @@ def growth_of(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> Quantit
     return subject.growth(cast.order, leader.frequency)
 
 
+def measured_growth(subject: AssessedVehicles, cast: Cast, run: PlatoonRun) -> str:
+    """The growth that was measured at the leader's frequency; empty where none was."""
+    leader, growth = run.leader, None
+    if isinstance(leader, Sinusoid) and not run.collisions and not run.linear:
+        growth = subject.measured_growth(cast.order)
+    if growth is None or not isinstance(leader, Sinusoid):
+        return ""
+    gain = growth.at(leader.frequency)
+    return f"Measured: {three(gain.value)}{_interval(gain)} times." if gain else ""
+
+
 def most_amplified(run: PlatoonRun) -> str:
     """At which frequency the platoon amplifies most, where that is not the leader's; else empty."""
     leader, tops = run.leader, head_to_tail_peaks(run.parameters)

@@ -6,6 +6,7 @@ from math import isfinite, isinf, isnan
 from accpinn.findings import all_of, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.measured_growth import DIFFERENT
 from accpinn.model.published import ParameterSet
 from accpinn.results.objections import against_measured as against_measured
 from accpinn.results.objections import against_model
@@ -19,7 +20,7 @@ from accpinn.stability import (
 )
 from accpinn.stability.margin import NormMargin, State
 from accpinn.stability.waves import Waves
-from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles
+from accpinn.study.vehicles import ALL_OF_IT, AssessedVehicles, PeakGrowth
 from accpinn.units import FloatArray, Quantity
 
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
@@ -113,7 +114,7 @@ def most_needed(subject: AssessedVehicles) -> str:
 
 
 def next_to_stable(subject: AssessedVehicles) -> str:
-    """How much more time gap the vehicle needs that lacks most, in a few words.
+    """How much more time gap the vehicle needs that lacks most, in a sentence.
 
     Empty where none is L₂ unstable, or no time gap makes it stable.
     """
@@ -126,7 +127,8 @@ def next_to_stable(subject: AssessedVehicles) -> str:
         return ""
     most = min(lacking, key=lambda k: lacking[k].distance.value)
     who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
-    return f"{who}needs {_gap(lacking[most].distance, -1, 'more')} to be string stable"
+    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more time gap')} to be string stable."
+    return capital(said)
 
 
 def margin_in_words(margin: NormMargin) -> str:
@@ -327,6 +329,9 @@ def _strict(what: str, names: Sequence[str], verdicts: Sequence[tuple[Verdict, f
 def along_platoon(subject: AssessedVehicles) -> str:
     """How much a disturbance grows from the leader to the last of several vehicles, and why."""
     platoon = subject.report.platoon
+    measured = subject.platoon_growth
+    if measured.is_measured and measured.gain.lower > 1:
+        return f"From the leader to the last follower disturbances grow {largest(measured)}."
     if platoon.l2_strict.stable:
         return "No follower amplifies disturbances, so neither does the platoon."
     if platoon.l2_weak.stable:
@@ -426,15 +431,15 @@ def most_amplifying(subject: AssessedVehicles) -> str:
 
     What the measured gain contradicts is called the model's.
     """
-    spoken, vehicles = subject.vehicles.spoken, subject.report.vehicles
+    spoken = subject.vehicles.spoken
     assessed = [vehicle.l2.assessment for vehicle in subject.assessed]
     judged = [k for k, kind in enumerate(assessed) if kind != "not determined"]
     if not judged:
         return "The data do not determine whether these vehicles amplify disturbances."
     amplifying = [k for k in judged if assessed[k] != "stable"]
-    count, most = len(spoken), max(amplifying or judged, key=lambda k: vehicles[k].peak.gain)
-    peak, growth = vehicles[most].peak, subject.assessed[most].l2.gain
-    by = f"{grown(growth.value, growth)} at {three(peak.omega)} rad/s"
+    growths = subject.growths
+    count, most = len(spoken), max(amplifying or judged, key=lambda k: growths[k].gain.value)
+    by = largest(growths[most])
     if not amplifying:
         whole = f"{all_of(count, 'vehicles')} damp" if count > 1 else f"{spoken[0]} damps"
         part = f"{joined([spoken[k] for k in judged])} {'damp' if len(judged) > 1 else 'damps'}"
@@ -447,9 +452,48 @@ def most_amplifying(subject: AssessedVehicles) -> str:
         said = f"{all_of(count, 'vehicles')} amplify, {spoken[most]} most: {by}."
     else:
         said = f"{spoken[most]} amplifies most: {by}."
-    numbers = [subject.vehicles.vehicles[k + 1] for k in ([most] if amplifying else judged)]
-    against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
+    against = _is_contradicted(subject, [most] if amplifying else judged)
     return f"By the model, {said}" if against else capital(said)
+
+
+def _is_contradicted(subject: AssessedVehicles, places: Sequence[int]) -> bool:
+    """Whether the measured gain contradicts what is said of some vehicles.
+
+    A growth that is measured itself says so, and is contradicted only where nothing grows.
+    """
+    place_of = {subject.vehicles.vehicles[k + 1]: k for k in places}
+    return any(
+        check.vehicle in place_of
+        and check.contradiction
+        and not (
+            check.contradiction == "apart" and subject.growths[place_of[check.vehicle]].is_measured
+        )
+        for check in subject.checks
+    )
+
+
+def largest(growth: PeakGrowth, level: float | None = None, has_frequency: bool = True) -> str:
+    """A largest growth, and by what it is known: "up to 2.1-fold (1.9–2.4) at .5 rad/s, measured".
+
+    The level of its interval is said where it is given.
+    """
+    has_ends = not isnan(growth.gain.lower)
+    said = grown(growth.gain.value, growth.gain if has_ends else None, level)
+    at = f" at {three(growth.omega)} rad/s" if has_frequency and growth.omega > 0 else ""
+    if not growth.is_measured:
+        return f"{said}{at}"
+    model = f"{growth.model:.1f}-fold" if growth.gain.value >= FOLD else percent(growth.model - 1.0)
+    return f"{said}{at}, measured ({model} by the model)"
+
+
+def explained(subject: AssessedVehicles) -> str:
+    """Whether the cars' models explain the measured platoon; empty where that is not known."""
+    share = subject.platoon_difference
+    if isnan(share):
+        return ""
+    if share > DIFFERENT:
+        return f"The cars' models do not explain the platoon ({percent(share)} outside the band)."
+    return f"The cars' models explain the platoon ({percent(1.0 - share)} within the band)."
 
 
 def becomes(
@@ -471,8 +515,7 @@ def becomes(
     """
     known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
-    numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
-    against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
+    against = _is_contradicted(subject, alike)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
     has_odds = is_headline or kind == "undecided"
     odds = _odds(known.probability_l2[alike]) if known and has_odds else ""
@@ -480,11 +523,10 @@ def becomes(
         return f"Not determined by the data: {named}."
     if kind != "unstable":
         return f"{start}{odds}."
+    level = known.level if known and is_headline else None
     for k in alike:
-        vehicle, level = subject.assessed[k], known.level if known and is_headline else None
-        growth, omega = vehicle.l2.gain, vehicle.stability.peak.omega if vehicle.stability else 0.0
-        at = f" at {three(omega)} rad/s" if is_headline and omega > 0 else ""
-        peaks[k] = growth.value, grown(growth.value, growth, level) + at
+        peak = subject.growths[k]
+        peaks[k] = peak.gain.value, largest(peak, level, has_frequency=is_headline)
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
         return f"{start} {peaks[most][1]}{odds}."

@@ -187,7 +187,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "snapshot": snapshot,
         "description": description,
         "strip": Markup(strip_html(strip)),
-        "strip_about": " · ".join(strip.about),
+        "strip_about": " · ".join(filter(None, (*strip.about, strip.lacking))),
         "adequacy": snapshot.adequacy if snapshot.compared else None,
         "legend": LEGEND,
         "words": words,
@@ -202,6 +202,7 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
             (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
             for label, said in (on_stability.reasons(subject) if subject.has_report else ())
         ],
+        "explanation": on_stability.explained(subject) if subject.has_report else "",
         "has_measured": stability_figures.measured_of(subject) if subject.has_report else False,
         "run": run,
         "cast": cast,

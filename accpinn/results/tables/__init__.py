@@ -435,7 +435,7 @@ def latex(text: str) -> str:
 
 def markdown(text: str) -> str:
     """Text as Markdown shows it, whatever it holds."""
-    return re.sub(r"([\\`*_\[\]<>|#~])", r"\\\1", re.sub(r"\s+", " ", text))
+    return re.sub(r"([\\`*_\[\]<>|#~&])", r"\\\1", re.sub(r"\s+", " ", text))
 
 
 def _parts(cell: Cell) -> tuple[Cell, ...]:

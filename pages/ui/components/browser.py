@@ -11,7 +11,7 @@ HERE = Path(__file__).parent
 
 @cache
 def picture(name: str) -> Any:
-    """The component of the files of that name in this folder, behind what all pictures share."""
+    """The component made of the files of that name in this folder and the shared drawing code."""
     css, js = ("".join(_text(f"{of}.{end}") for of in ("drawing", name)) for end in ("css", "js"))
     return components.component(f"accpinn_{name}", html=_text(f"{name}.html"), css=css, js=js)
 

@@ -1,4 +1,4 @@
-"""What every page begins with: who may use it, its title, links to pages, the session's state."""
+"""The frame of every page: admission, title, links to pages, and the session's state."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -28,14 +28,10 @@ from pages.ui.session.sessions import (
     begin_own,
     current,
     enter,
-    is_admin,
     is_others,
-    is_shared,
-    may_use,
-    recognise,
     training_elsewhere,
-    user,
 )
+from pages.ui.session.users import is_admin, is_shared, may_use, recognise, user
 from pages.ui.session.workspace import Left, Workspace
 
 HERE = Path(__file__).parent
@@ -58,7 +54,7 @@ _ICONS = {
 """All pages, in the order of the links to them."""
 
 SIDEBAR = 230
-"""Width in pixels: what stands there must not take room from tables."""
+"""Width of the sidebar in pixels, which leaves tables their room."""
 
 NAMED = 3
 """Windows that are named one by one."""
@@ -69,7 +65,7 @@ CHARTED = ("Stability", "Platoon", "Database", "Reproduce")
 FAILED = "The program failed {}; what was open stays open."
 STOPPED = "An administrator of this server ended it; what it found is kept."
 PAGE = "frame_page"
-"""The entry with the title of the page drawn last: a click's outcome is said on its own page."""
+"""Entry with the title of the last drawn page, so that an outcome is reported on its own page."""
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
@@ -94,7 +90,7 @@ _LEFT_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",
 
 
 def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
-    """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    """Draw a page; a fault of the program becomes one sentence and a way back."""
     if st.session_state.get(PAGE) != title:
         show.forget_flash()
     st.session_state.update({PAGE: title, show.IS_FLASHED: False})
@@ -172,12 +168,12 @@ def _show_left(workspace: Workspace) -> None:
             _left_row(left.task, f"frame_left_{place}", back, partial(workspace.forget, left))
         for place, other in enumerate(elsewhere):
 
-            def there(other: Workspace = other) -> None:
+            def go_there(other: Workspace = other) -> None:
                 enter(other)
                 st.session_state[TURN] = TRAIN
 
             if other.training:
-                _left_row(other.training, f"frame_elsewhere_{place}", there)
+                _left_row(other.training, f"frame_elsewhere_{place}", go_there)
     before = [task.status for task in tasks]
 
     def look() -> None:
@@ -191,7 +187,7 @@ def _show_left(workspace: Workspace) -> None:
 def _left_row(
     task: Task[Any], key: str, show_it: Callable[[], None], forget: Callable[[], None] | None = None
 ) -> None:
-    """One training: where it stands, and what can be done with it."""
+    """A training's progress with buttons to show, stop or dismiss it."""
     icon = _LEFT_ICONS.get(task.status, "history")
     place = f" in another session {_STATUS[task.status]}{{left}}" if forget is None else (
         f" {_LEFT[task.status]}"
@@ -201,8 +197,8 @@ def _left_row(
     def tell() -> None:
         seconds = task.time_left if task.status is Status.RUNNING else None
         left = f", {show.format_duration(seconds)} left" if seconds else ""
-        said = f"Training of **{about}**{place.format(left=left)}."
-        st.markdown(f":material/{icon}: {said}", width="content")
+        sentence = f"Training of **{about}**{place.format(left=left)}."
+        st.markdown(f":material/{icon}: {sentence}", width="content")
 
     with st.container(horizontal=True, vertical_alignment="center"):
         st.fragment(tell, run_every=LOOK if task.is_active else None)()
@@ -216,13 +212,15 @@ def _left_row(
                       on_click=forget)  # fmt: skip
 
 
-def about_analysis(asked: Analysis | None) -> str:
-    """File and windows of what a training answers."""
-    return f"{asked.source.name}, {in_words(asked.window, asked.windows)}" if asked else ""
+def about_analysis(analysis: Analysis | None) -> str:
+    """File and windows of a training."""
+    return (
+        f"{analysis.source.name}, {in_words(analysis.window, analysis.windows)}" if analysis else ""
+    )
 
 
 def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:
-    """Calls a widget's callback; the page says why it was refused, or that the program failed.
+    """Wrap a widget's callback so that the page reports a refusal, or a fault of the program.
 
     Streamlit would draw nothing of the page, and calls callbacks before any script runs.
     """
@@ -308,7 +306,7 @@ def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
 
 
 def session_state(workspace: Workspace) -> list[str]:
-    """What is open, a line a step."""
+    """Open recording, window and training, a line each."""
     restored, recording = workspace.restored, workspace.recording
     source = recording.source if recording else restored.info.source if restored else ""
     if not source:
@@ -317,7 +315,7 @@ def session_state(workspace: Workspace) -> list[str]:
     if restored and restored.id:
         lines.insert(0, f"**Snapshot** {escape_markdown(restored.name[:60] or restored.id)}")
     if info := workspace.info:
-        case = f", Case {workspace.asked.case}" if info.followers > 1 else ""
+        case = f", Case {workspace.selection.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         windows = workspace.several_windows
         if restored and not recording:

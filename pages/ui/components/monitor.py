@@ -1,4 +1,4 @@
-"""A task as it runs: one fragment polls it, shows where it stands, and draws what is known."""
+"""A running task: one fragment polls it, shows its progress, and draws interim results."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,10 +10,10 @@ from accpinn.methods.forecast import INTERVALS, SETTLED, VARIATION
 from accpinn.tasks import Status, Task
 from pages.ui.components import show
 from pages.ui.session.resources import queue_of
-from pages.ui.session.sessions import sees_all
+from pages.ui.session.users import sees_all
 
 UNITS = {INTERVALS: "window", VARIATION: "follower"}
-"""What is counted in a phase; iterations in those that are not here, and nothing in others."""
+"""Units counted in phases that do not count iterations."""
 SOON = 0.3
 """Seconds until the first look at a task that is about to start."""
 POLL = 1.0
@@ -23,14 +23,14 @@ POLL = 1.0
 def monitor(
     task: Task[Any],
     draw: Callable[[bool], object] = lambda polled: None,
-    told: Callable[[Any], str] | None = None,
+    describe: Callable[[Any], str] | None = None,
     is_stale: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Show where a task stands, and below it what is known, again and again while it is active.
+    """Show a task's progress and below it interim results, repeatedly while it is active.
 
     When it begins and ends, and when the page ``is_stale``, the whole page is drawn anew. The
     argument of ``draw`` is whether the task is polled: fragments that poll must not be nested, so
-    it then calls no other. ``told`` says how far a task is that tells it in its own terms.
+    it then calls no other. ``describe`` says how far a task is that tells it in its own terms.
     """
     began = task.status  # read first: a task that ends in between is drawn once more
     active = task.is_active
@@ -38,7 +38,7 @@ def monitor(
     def look() -> None:
         if active and (task.status is not began or is_stale()):  # the rest of the page says so, too
             st.rerun()
-        show_status(task, told)
+        show_status(task, describe)
         draw(active)
 
     if active:
@@ -49,37 +49,39 @@ def monitor(
 
 
 def stop_button(task: Task[Any], label: str, key: str) -> None:
-    """The button that stops a task, whose results so far are kept."""
+    """A button that stops a task; its results so far are kept."""
     st.button(
         label, icon=":material/stop:", key=key, disabled=task.is_stopping,
         on_click=task.stop,
     )  # fmt: skip
 
 
-def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> None:
+def show_status(task: Task[Any], describe: Callable[[Any], str] | None = None) -> None:
     """One line, and a bar while it runs; see `monitor`."""
     status, done, planned = task.status, len(task.results), len(task.names)
     stopping = "Stopping … " if task.is_stopping else ""
-    if status is Status.QUEUED and told:
+    if status is Status.QUEUED and describe:
         st.progress(0.0, stopping + waiting_line(task))
     elif status is Status.QUEUED:
         show_waiting(task)
     elif status is Status.RUNNING:
-        said = told(task.latest) if told and task.latest else " · ".join(progress_parts(task))
-        st.progress(task.share, stopping + said)
+        progress = (
+            describe(task.latest) if describe and task.latest else " · ".join(progress_parts(task))
+        )
+        st.progress(task.share, stopping + progress)
     elif status is Status.FAILED:
         show.messages(task.error, "error")
-    elif status is Status.STOPPED and task.error and (done or told):
+    elif status is Status.STOPPED and task.error and (done or describe):
         show.messages(task.error, "warning", "stop_circle")
     elif status is Status.STOPPED and planned > 1:
-        kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
-        show.messages(f"Stopped: {kept}.", icon="stop_circle")
+        outcome = f"{done} of {planned} results are kept" if done else "no result is there yet"
+        show.messages(f"Stopped: {outcome}.", icon="stop_circle")
     elif status is Status.STOPPED and not done:
         show.messages(task.error or "Stopped before it began.", icon="stop_circle")
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
-    """What runs, how far its phase is, and how long it takes until all is done."""
+    """Name and progress of the present phase, and the time left."""
     now, left = task.progress, task.time_left
     duration = show.format_duration(left) if left else ""
     if len(task.names) > 1:

@@ -24,7 +24,7 @@ from accpinn.units import FloatArray
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.session.resources import opened
-from pages.ui.session.sessions import readable_snapshots
+from pages.ui.session.saved import readable_snapshots
 from pages.ui.session.workspace import ParameterSource, Workspace
 from pages.ui.snapshots.listing import choose_entry
 

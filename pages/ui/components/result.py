@@ -10,30 +10,35 @@ import msgspec
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.errors import AccpinnError
 from accpinn.findings import capital
 from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import has_terms_of
 from accpinn.results import reproduction as paper
 from accpinn.results.documents import parameter_card
+from accpinn.results.figures import next_drive as drive_figures
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import estimate as words
 from accpinn.results.messages import incidents, messages
+from accpinn.results.messages.next_drive import ABOUT_DRIVE, drive_in_words
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.naming import about_point
 from accpinn.results.report import bundle
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.next_drive import drive_table
 from accpinn.study.description import Description, describe
+from accpinn.study.next_drive import can_propose, next_drive
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import browser, frame, show
 from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.components.strip import show_strip
 from pages.ui.session.resources import library, windows_in_car_following
-from pages.ui.session.sessions import owner_mark
+from pages.ui.session.users import owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import title_of
 
@@ -99,15 +104,48 @@ def show_result(
         views["Training"] = lambda: _show_course(workspace, result, truth, page, follower, window)
     if description.follower(follower).windows:
         views["Windows"] = lambda: _show_windows(workspace, description, follower)
+    if can_propose(result):
+        views["Next drive"] = lambda: _show_next_drive(workspace, result, follower, page)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, parameters, page, snapshot),
     })  # fmt: skip
 
 
+def _show_next_drive(workspace: Workspace, result: Result, follower: int, page: str) -> None:
+    """The drive of the car ahead that would narrow the follower's intervals most."""
+    key = f"{page}_next_drive"
+    if not workspace.choices.get(key):
+        if st.button(
+            "Propose a drive", icon=":material/route:", key=key,
+            help="The 120 s of the car ahead, between 15 and 33 m/s, that tell most of this"
+            " follower's parameters.",
+        ):  # fmt: skip
+            workspace.choices[key] = True
+            st.rerun()
+        return
+    try:
+        proposed = next_drive(result, vehicle=result.info.vehicles[follower + 1])
+    except AccpinnError as fault:
+        show.messages(str(fault))
+        return
+    st.markdown(f"**{escape_markdown(drive_in_words(proposed))}**")
+    left, right = st.columns((1.3, 1), gap="small")
+    with left:
+        show.chart(drive_figures.drive_speed(proposed), f"{key}_speed")
+    with right:
+        show.chart(drive_figures.drive_narrowing(proposed), f"{key}_narrowing")
+    show.table(drive_table(proposed))
+    show.caption("Expected half widths of the intervals.", ABOUT_DRIVE)
+    st.download_button(
+        "Save the drive", proposed.to_csv(), "drive.csv", "text/csv", key=f"{key}_csv",
+        on_click="ignore", icon=":material/download:",
+    )  # fmt: skip
+
+
 def _true_parameters(workspace: Workspace, result: Result) -> Parameters | None:
     """Those that the recording of a result was made with, where it is open and synthetic."""
     is_open = result.recording is workspace.recording
-    is_same = is_open and result.info.vehicles == workspace.asked.vehicles
+    is_same = is_open and result.info.vehicles == workspace.selection.vehicles
     return workspace.true_parameters if is_same else None
 
 
@@ -162,7 +200,7 @@ def _choose_windows(workspace: Workspace) -> None:
     """Windows switched off and on; the next training takes those that are on."""
     if not (workspace.recording and workspace.several_windows):
         return
-    every = windows_in_car_following(workspace.recording, workspace.asked.vehicles)
+    every = windows_in_car_following(workspace.recording, workspace.selection.vehicles)
     names = {window.start: str(window) for window in every}
     starts = [window.start for window in workspace.several_windows]
 

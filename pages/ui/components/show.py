@@ -25,7 +25,7 @@ from accpinn.results.tables import STYLE, Table
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.units import MetresPerSecond, Seconds
-from pages.ui.session.sessions import is_shared
+from pages.ui.session.users import is_shared
 from pages.ui.session.workspace import Workspace
 
 T = TypeVar("T")

@@ -37,7 +37,7 @@ def show_strip(
     page: str = "",
     choose: Callable[[int], None] | None = None,
 ) -> None:
-    """Draw the rows, and below them in one line what they rest on and what to do next.
+    """Draw the rows, and below them in one line their basis and the next step.
 
     Args:
         strip: the rows.
@@ -51,6 +51,8 @@ def show_strip(
         st.html(STYLE + strip_html(strip))
         if choose and is_clickable:
             _listen(f"{page}_strip", choose)
+        if strip.lacking:
+            st.caption(escape_markdown(strip.lacking))
         with st.container(horizontal=True, vertical_alignment="center"):
             st.caption(" · ".join(map(escape_markdown, strip.about)), width="stretch")
             if details:

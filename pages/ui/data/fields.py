@@ -50,7 +50,7 @@ class Fields:
         return self.pending.file.names
 
     def has(self, name: str) -> bool:
-        """Whether the mapping has what the field sets."""
+        """Whether the mapping has a value for the field."""
         what, _, at = name.rpartition("_")
         if at.isdigit():
             parts = self.mapping.gaps if what in ("gap", "length") else self.mapping.speeds
@@ -84,7 +84,7 @@ class Fields:
         self.change(lambda m: replace(m, gaps=_with(m.gaps, k, **changes)))
 
     def edit_by(self, **changes: Any) -> None:
-        """Change what tells vehicles apart."""
+        """Change the columns that identify vehicles."""
         self.change(lambda m: replace(m, by=replace(m.by or ByVehicle(CHOOSE), **changes)))
 
     def column(
@@ -108,7 +108,7 @@ class Fields:
         )
 
     def named(self, column: str) -> ColumnName:
-        """What a column's name says."""
+        """Quantity, unit and vehicle that a column's name states."""
         layout = self.pending.file.layout
         units = layout.units if layout else ()
         at = self.names.index(column) if column in self.names else -1
@@ -142,8 +142,8 @@ class Fields:
         at = self.names.index(column)
         cells = [row[at].strip() for row in layout.rows if at < len(row)]
         name = self.named(column)
-        said = f"{column} [{name.unit}]" if name.unit_cell else column
-        recognised = time_forms.recognised(said, cells, layout.decimal)
+        heading = f"{column} [{name.unit}]" if name.unit_cell else column
+        recognised = time_forms.recognised(heading, cells, layout.decimal)
         return recognised.form if recognised else "s"
 
     def _time_unit(self, place: Any) -> None:
@@ -369,7 +369,7 @@ class Fields:
         )  # fmt: skip
 
     def by_vehicle(self, places: Sequence[Any]) -> None:
-        """The columns that tell vehicles apart."""
+        """The columns that identify vehicles."""
         by = self.mapping.by or ByVehicle(CHOOSE)
         fields = (
             ("vehicle", "Vehicle", by.vehicle, "choose…"),
@@ -385,7 +385,7 @@ class Fields:
             self.column(label, f"by_{part}", value, choose, place, none)
 
     def mode(self, vehicle: int, places: Sequence[Any]) -> None:
-        """The column that says who drives a vehicle, and its words."""
+        """The column with a vehicle's driver, and its words for ACC and human."""
         mode = next((mode for mode in self.mapping.modes if mode.vehicle == vehicle), None)
 
         def keep(new: ModeColumn | None) -> None:
@@ -410,7 +410,8 @@ class Fields:
         for place, (part, label) in zip(places[1:], labels.items(), strict=True):
 
             def say(text: str, part: str = part) -> None:
-                keep(replace(mode, **{part: _words(text)}))
+                words = tuple(word.strip() for word in text.split(",") if word.strip())
+                keep(replace(mode, **{part: words}))
 
             place.text_input(
                 label,
@@ -438,7 +439,3 @@ def _with(parts: Sequence[Any], k: int, **changes: Any) -> tuple[Any, ...]:
 def counts_frames(mapping: CsvMapping) -> bool:
     """Whether the time is a counter of frames."""
     return mapping.time is not None and mapping.time.unit == FRAME
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -1,4 +1,4 @@
-"""What the columns of a table of one's own hold: a form that shows how they were understood.
+"""The form for the columns of a table of one's own: how they are read, and changes to it.
 
 Open are only those fields that nothing decides; all others are behind "Change columns". What is
 chosen is kept in the session's `Pending`, so that plot and findings are always those of the form.
@@ -47,7 +47,7 @@ CHANGING = "data_map_changing"
 
 
 def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | None], None]) -> None:
-    """How the pending table is understood, what is open, and the button that opens it.
+    """Show how the pending table is read, the open questions, and the button that opens it.
 
     Args:
         workspace: the session.
@@ -58,13 +58,21 @@ def show_form(workspace: Workspace, pending: Pending, opened: Callable[[str | No
     reading = pending.reading(trajectory)
     recording = reading if isinstance(reading, Recording) else None
     mapping = pending.mapping
-    _show_header(pending, recording)
+    about = [f"**{escape_markdown(pending.file.content.name)}**"]
+    if recording:
+        about.append(f"{len(recording.present)} vehicles")
+        rate = 1 / recording.sample_time
+        about.append(f"{recording.duration:,.0f} s at {rate:.3g} Hz")
+    st.markdown(" · ".join(about))
     is_open = False
     if mapping:
         is_open = _ask(workspace, pending, mapping)
         _show_columns(workspace, pending, mapping)
     if recording:
-        _show_beginning(recording)
+        leader, *_ = recording.present
+        key = [(recording.label(k), vehicle_colour(k, leader)) for k in recording.present]
+        show.key(key, title="First minutes:")
+        show.chart(beginning(recording), "data_beginning")
         if mapping:
             show_cures(
                 recording, mapping, lambda new: read_by(workspace, new), "data_form", "primary"
@@ -106,25 +114,6 @@ def _choose_run(workspace: Workspace, pending: Pending) -> str | None:
     )  # fmt: skip
 
 
-def _show_header(pending: Pending, recording: Recording | None) -> None:
-    parts = [f"**{escape_markdown(pending.file.content.name)}**"]
-    if recording:
-        parts += [
-            f"{len(recording.present)} vehicles",
-            f"{recording.duration:,.0f} s at {1 / recording.sample_time:.3g} Hz",
-        ]
-    st.markdown(" · ".join(parts))
-
-
-def _show_beginning(recording: Recording) -> None:
-    leader, *_ = recording.present
-    show.key(
-        [(recording.label(k), vehicle_colour(k, leader)) for k in recording.present],
-        title="First minutes:",
-    )
-    show.chart(beginning(recording), "data_beginning")
-
-
 # Findings, and what cures them
 
 
@@ -132,7 +121,7 @@ def show_cures(
     recording: Recording, mapping: CsvMapping, act: Callable[[CsvMapping], None], place: str,
     look: Literal["primary", "secondary"] = "secondary",
 ) -> None:  # fmt: skip
-    """What is wrong with the data, each with the changes of the mapping that would cure it.
+    """Faults of the data, each with the changes of the mapping that cure it.
 
     Args:
         recording: as it was read.
@@ -234,20 +223,20 @@ def _reason(choice: Choice, roles: Sequence[tuple[str, str]], is_kept: bool) -> 
 
 
 def _remarks(mapping: CsvMapping) -> dict[str, list[str]]:
-    """What else is done to columns: sign, clock, and what is subtracted."""
+    """Further operations on columns: sign, clock, and lengths subtracted."""
     remarks: dict[str, list[str]] = {}
     parts: tuple[SpeedColumn | GapColumn, ...] = (*mapping.speeds, *mapping.gaps)
     for part in parts:
-        said = ["sign reversed"] * part.reversed
-        said += [f"shifted by {part.shift:+g} s"] if part.shift else []
+        changes = ["sign reversed"] * part.reversed
+        changes += [f"shifted by {part.shift:+g} s"] if part.shift else []
         if isinstance(part, GapColumn) and not isinstance(part.subtract, str) and part.subtract > 0:
-            said.append(f"less {part.subtract:g} m")
-        remarks[part.column] = said
+            changes.append(f"less {part.subtract:g} m")
+        remarks[part.column] = changes
     return remarks
 
 
 def _colour(mapping: CsvMapping, column: str) -> str:
-    """That of the vehicle whose speed or gap the column holds."""
+    """Colour of the vehicle whose speed or gap the column holds."""
     for k, speed in enumerate(mapping.speeds, 1):
         if column == speed.column:
             return vehicle_colour(k, 1)

@@ -1,4 +1,4 @@
-"""The page Data: the recording over time, the window and vehicles to use, and what they are worth.
+"""The page Data: the recording over time, the choice of window and vehicles, and their quality.
 
 The parts below the timeline are in `pages.ui.data.views`.
 """
@@ -24,7 +24,7 @@ from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
 from accpinn.segment.quality import Grade, Rating, Regimes
-from accpinn.segment.suggestion import Information, suggest_window
+from accpinn.segment.windows import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import bound, escape_markdown, segments, select, tabs
@@ -102,12 +102,12 @@ def show_page(workspace: Workspace) -> None:
         with popover:
             choose_source(workspace)
     banner(workspace)
-    whole, regimes, information = whole_drive(recording, workspace.asked.vehicles)
-    every = windows_in_car_following(recording, workspace.asked.vehicles)
+    whole, regimes, information = whole_drive(recording, workspace.selection.vehicles)
+    every = windows_in_car_following(recording, workspace.selection.vehicles)
     rows: tuple[RatedWindow, ...] = ()
     if used := workspace.several_windows:
-        asked = workspace.asked
-        rows = rated_windows(recording, every, used, asked.vehicles, asked.excluded)
+        selection = workspace.selection
+        rows = rated_windows(recording, every, used, selection.vehicles, selection.excluded)
     with st.container(key="later_1_data"):
         _controls(workspace, recording, information, len(every))
     _show_overview(workspace, recording, whole, regimes, rows)
@@ -164,14 +164,14 @@ def _controls(
     workspace: Workspace, recording: Recording, information: Information, count: int
 ) -> None:
     """Vehicles and Case, all of the ``count`` windows or one, and that one window."""
-    has_cases, is_one = len(workspace.asked.vehicles) > 2, not workspace.several_windows
+    has_cases, is_one = len(workspace.selection.vehicles) > 2, not workspace.several_windows
     has_choice = count > 0
     widths = [1.3, 1.3]
     widths += [1.1] if has_cases else []
     widths += [1.6] if has_choice else []
-    own_row = [1.12, 0.95, 1.4]
+    field_widths = [1.12, 0.95, 1.4]
     if is_one and not has_choice:
-        widths += own_row
+        widths += field_widths
     columns = st.columns(
         [*widths, max(0.01, 7.2 - sum(widths))], gap="small", vertical_alignment="bottom"
     )[:-1]
@@ -179,7 +179,7 @@ def _controls(
     if has_cases:
         with columns[2]:
             segments(
-                "Case", {"I": "I: shared", "II": "II: own"}, workspace.asked.case, "data_case",
+                "Case", {"I": "I: shared", "II": "II: own"}, workspace.selection.case, "data_case",
                 lambda case: workspace.choose(case=case), labelled=True,
                 help="  \n".join(CASES.values()),
             )  # fmt: skip
@@ -188,11 +188,12 @@ def _controls(
             _choose_which(workspace, count)
     if not is_one:
         return
-    own = columns[-3:] if not has_choice else (
-        st.columns([*own_row, 7.2 - sum(own_row)], gap="small", vertical_alignment="bottom")[:-1]
-    )  # fmt: skip
-    _choose_window(workspace, recording, own[:2])
-    with own[2]:
+    fields = columns[-3:]
+    if has_choice:
+        row = [*field_widths, 7.2 - sum(field_widths)]
+        fields = st.columns(row, gap="small", vertical_alignment="bottom")[:-1]
+    _choose_window(workspace, recording, fields[:2])
+    with fields[2]:
         _suggest(workspace, recording, information)
 
 
@@ -218,7 +219,7 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
         for chain in chains(recording)
         for position, leader in enumerate(chain[:-1])
     }
-    first, *_, end = workspace.asked.vehicles
+    first, *_, end = workspace.selection.vehicles
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{place}_{recording.sha256[:12]}" for place in ("leader", "last"))
 
@@ -245,13 +246,13 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
         workspace.choose(window=Window(start, start + length))
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
-    now = workspace.asked.window
+    now = workspace.selection.window
     fields = (
         ("Window starts at [s]", "data_start", now.start, recording.duration,
-         lambda start: choose(start, workspace.asked.window.duration),
+         lambda start: choose(start, workspace.selection.window.duration),
          "In the recording's time, from its first sample."),
         ("and lasts [s]", "data_length", now.duration, float(ceil(recording.duration)),
-         lambda length: choose(workspace.asked.window.start, length),
+         lambda length: choose(workspace.selection.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
     for column, (label, key, value, most, moved, help_text) in zip(columns, fields, strict=True):
@@ -262,15 +263,15 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 
 def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
-    """The window that tells most, why, and the button that takes it."""
-    suggestion = suggest_window(recording, workspace.asked.vehicles, information)
+    """The most informative window, the reasons, and the button that takes it."""
+    suggestion = suggest_window(recording, workspace.selection.vehicles, information)
     if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
             help="No stretch is complete with every follower in car-following.",
         )  # fmt: skip
         return
-    taken = suggestion.window == workspace.asked.window
+    taken = suggestion.window == workspace.selection.window
     label = "As suggested" if taken else f"Suggested: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
@@ -300,7 +301,7 @@ def _show_overview(
 
     Dragging over the chart, or the handles below, set the one.
     """
-    (leader, *followers), highlight = workspace.asked.vehicles, 0
+    (leader, *followers), highlight = workspace.selection.vehicles, 0
     with st.container(horizontal=True, vertical_alignment="center"):
         view = segments(
             "Drawn", VIEWS, "motion", "data_view", workspace,
@@ -313,7 +314,11 @@ def _show_overview(
                 "Highlight", options, 0, "data_highlight", workspace, labelled=False, width=240,
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
-        _vehicle_key(recording, workspace, leader)
+        names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
+        show.key(
+            [(name, vehicle_colour(n, leader)) for n, name in names.items()],
+            faint=[name for n, name in names.items() if n not in (leader, *followers)],
+        )
         st.button(
             "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
             disabled=not workspace.steps, on_click=workspace.undo,
@@ -329,12 +334,11 @@ def _show_overview(
         if window := window_of(ends, recording):
             workspace.choose(window)
 
-    drivers = figures.driver_ribbons(recording, workspace.asked.vehicles)
+    drivers = figures.driver_ribbons(recording, workspace.selection.vehicles)
     driving = figures.regime_ribbons(whole, regimes)
-    figure = figures.overview(
-        recording, workspace.asked.vehicles, workspace.asked.window, (drivers, driving), view,
-        highlight, rows,
-    )  # fmt: skip
+    vehicles, window = workspace.selection.vehicles, workspace.selection.window
+    ribbons = drivers, driving
+    figure = figures.overview(recording, vehicles, window, ribbons, view, highlight, rows)
     if rows:
         show.chart(figure, f"{CHART}_windows", TOOLS_OF_SEVERAL)
     else:
@@ -353,18 +357,11 @@ def _show_overview(
             table_buttons(workspace, "data")
 
 
-def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
-    asked = workspace.asked.vehicles
-    names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
-    entries = [(name, vehicle_colour(n, leader)) for n, name in names.items()]
-    show.key(entries, faint=[name for n, name in names.items() if n not in asked])
-
-
 def _handles(
     workspace: Workspace, recording: Recording, take: Callable[[Sequence[float]], None]
 ) -> None:
     """The window's two ends, below the axis of time."""
-    window = workspace.asked.window
+    window = workspace.selection.window
     with st.container(key="data_handles"):
         st.slider(
             "Window [s]; drag an end, or drag over the chart", min_value=0.0,
@@ -384,7 +381,7 @@ def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
 
 
 def _show_windows(workspace: Workspace, recording: Recording, rows: Sequence[RatedWindow]) -> None:
-    """What each window is worth, in one table, and which of them are used."""
+    """The quality of each window in one table, and which windows are used."""
     names = {row.window.start: str(row.number) for row in rows}
 
     def change(starts: Sequence[float]) -> None:
@@ -414,7 +411,7 @@ def _show_windows(workspace: Workspace, recording: Recording, rows: Sequence[Rat
 
 
 def _assessment(workspace: Workspace, recording: Recording) -> None:
-    """What the chosen window is worth, a check each."""
+    """The checks of the chosen window."""
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")
@@ -439,7 +436,7 @@ def _assessment(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> None:
-    """What is against the gaps, and what would cure it: whatever is learned of them is wrong."""
+    """Contradictions of gaps and speeds, and their cures: estimates from such gaps are wrong."""
     file = workspace.table_of_recording
     if file and recording.mapping:
         show_cures(
@@ -451,8 +448,8 @@ def _show_wrong(workspace: Workspace, recording: Recording, wrong: Rating) -> No
 
 
 def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
-    """The way to the result; it says which training this begins, and how long that takes."""
-    segment, parts, asked = workspace.segment, [TITLE_OF[workspace.preset]], None
+    """The button that starts a training, with its windows, preset and expected time."""
+    segment, parts, analysis = workspace.segment, [TITLE_OF[workspace.preset]], None
     windows = workspace.windows
     which = f"{len(windows)} windows" if len(windows) > 1 else "this window"
     if len(windows) == 1 and workspace.several_windows:
@@ -460,17 +457,17 @@ def _train_button(workspace: Workspace, rows: Sequence[RatedWindow]) -> None:
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
-        parts.append(f"Case {workspace.asked.case}")
+        parts.append(f"Case {workspace.selection.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-        asked = workspace.analysis()
+        analysis = workspace.analysis()
     is_usable = segment is not None and not any(row.fault for row in rows if row.is_used)
-    if is_usable and asked:
-        seconds = METHODS[asked.method].expected_seconds(workspace.segments, asked.config)
+    if is_usable and analysis:
+        seconds = METHODS[analysis.method].expected_seconds(workspace.segments, analysis.config)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
         disabled=not is_usable, key="data_train",
     ):  # fmt: skip
-        if asked:
+        if analysis:
             workspace.train()
         frame.go(frame.TRAIN, workspace)

@@ -36,7 +36,7 @@ MIRROR_VARIABLE = "ACCPINN_MIRROR"
 
 
 def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], None] | None:
-    """What opens a campaign's recording: opened before, or in the server's folder."""
+    """A function that opens a campaign's recording, opened before or in the server's folder."""
     place = place_of_run(workspace, campaign, file)
     if place is None:
         return None
@@ -74,12 +74,12 @@ def open_file(workspace: Workspace, source: bytes | Path, name: str | None = Non
             workspace.open(file.read())
         st.session_state[OPENING] = False
     except AccpinnError as fault:
-        kept = " The recording opened before is kept." if workspace.recording else ""
-        raise RecordingError(f"{fault}{kept}") from fault
+        remark = " The recording opened before is kept." if workspace.recording else ""
+        raise RecordingError(f"{fault}{remark}") from fault
 
 
 def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
-    """What a pending table asks; once it is opened, the app turns to the page ``then``."""
+    """The questions on a pending table; once it is opened, the app turns to the page ``then``."""
 
     def opened(trajectory: str | None) -> None:
         now = workspace.pending or pending
@@ -93,7 +93,7 @@ def ask(workspace: Workspace, pending: Pending, then: str = "") -> None:
 def open_table(
     workspace: Workspace, file: File, mapping: CsvMapping | None, reading: Recording | AccpinnError
 ) -> None:
-    """Open what was read of a table, and keep the mapping for its columns if nothing contradicts.
+    """Open the recording of a table, and keep its mapping where no data contradict it.
 
     Raises:
         AccpinnError: in place of a recording.
@@ -183,19 +183,20 @@ def _open_beside(workspace: Workspace, others: list[tuple[str, bytes]]) -> None:
 def _choose_opened(workspace: Workspace) -> None:
     """The other recordings that are open in this session, each with a button to show it."""
     now = workspace.recording
-    others = [one for one in workspace.opened.values() if one is not now]
+    others = [recording for recording in workspace.opened.values() if recording is not now]
     if not others:
         return
     with st.container(horizontal=True, vertical_alignment="center"):
         st.caption("Also open", width="content")
-        for one in others:
+        for recording in others:
 
-            def turn(recording: Recording = one) -> None:
+            def turn(recording: Recording = recording) -> None:
                 workspace.open(recording)
                 st.session_state[OPENING] = False
 
             st.button(
-                escape_markdown(one.source), key=f"data_opened_{one.sha256[:12]}", type="tertiary",
+                escape_markdown(recording.source), key=f"data_opened_{recording.sha256[:12]}",
+                type="tertiary",
                 icon=":material/timeline:", on_click=turn,
             )  # fmt: skip
 
@@ -256,7 +257,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        monitor(task, told=_told)
+        monitor(task, describe=_describe)
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button("Open this run", on_click=open_file, args=(workspace, run.path(root)))
@@ -278,6 +279,6 @@ def _download(workspace: Workspace, run: Run, root: Path) -> None:
     resources.download_queue().submit(task, workspace.owner or workspace.key)
 
 
-def _told(now: Transfer) -> str:
+def _describe(now: Transfer) -> str:
     size = f" of {now.size / 1e6:.1f}" if now.size else ""
     return f"{now.run.file}: {now.received / 1e6:.1f}{size} MB"

@@ -16,8 +16,9 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
-from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut, first_window
+from accpinn.segment.cut import MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
+from accpinn.segment.windows import complete_windows, first_window
 from pages.ui.components import show
 from pages.ui.components.show import bound, select
 from pages.ui.session.resources import segment_of, windows_in_car_following
@@ -39,7 +40,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         st.caption("The window cannot be used yet.")
         return
     quality = assess_quality(segment)
-    estimate = least_squares.fit((segment,), workspace.asked.case)
+    estimate = least_squares.fit((segment,), workspace.selection.case)
     st.markdown(f"**Preview of the window {segment.window}**")
     if workspace.recording is None:
         show.not_acc(segment)
@@ -65,14 +66,14 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
 
 
 def show_changes(workspace: Workspace) -> None:
-    """What was done to the data of the window, or windows, before anything is estimated."""
+    """Changes to the windows' data before the estimation."""
     parts = workspace.segments
     if not parts:
         st.caption("The window cannot be used yet.")
         return
     is_changed = False
     for segment in parts:
-        changes = [one for one in segment.findings if not isinstance(one, DrivenByHand)]
+        changes = [finding for finding in segment.findings if not isinstance(finding, DrivenByHand)]
         if changes:
             is_changed = True
             if len(parts) > 1:
@@ -84,7 +85,7 @@ def show_changes(workspace: Workspace) -> None:
 
 
 def show_about(recording: Recording) -> None:
-    """The vehicles of the recording, and what is wrong with its data."""
+    """The vehicles of the recording, and the faults of its data."""
     table = tables.recording_table(recording)
     show.table(table)
     st.caption(
@@ -103,7 +104,7 @@ def show_about(recording: Recording) -> None:
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares of the window, or of the windows together, and the user's choice."""
-    vehicles, excluded = workspace.asked.vehicles, workspace.asked.excluded
+    vehicles, excluded = workspace.selection.vehicles, workspace.selection.excluded
     try:  # with all their instants, whatever is left out now
         parts = [segment_of(recording, window, vehicles, ()) for window in workspace.windows]
     except SegmentError:
@@ -120,7 +121,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         for name in EXCLUDABLE:
 
             def ticked(on: bool, name: str = name) -> None:
-                left_out = {*workspace.asked.excluded} - {name} | ({name} if on else set())
+                left_out = {*workspace.selection.excluded} - {name} | ({name} if on else set())
                 workspace.choose(excluded=tuple(n for n in EXCLUDABLE if n in left_out))
 
             shown = bound(f"data_exclude_{name}", name in excluded, ticked)
@@ -142,16 +143,16 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         "The learned parameters are simulated behind the leader of this window, from which nothing"
         " is learned. Page Train shows the errors beside those of the training window."
     )
-    known = {recording.sha256: recording} | workspace.opened
+    recordings = {recording.sha256: recording} | workspace.opened
     columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
-    names = {key: one.source for key, one in known.items()}
+    names = {key: other.source for key, other in recordings.items()}
     names[recording.sha256] = "This recording"
     sha256 = select(
         "Validation recording", names, recording.sha256, "data_validation_recording", workspace,
         place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
-    chosen = known[sha256]
-    followers = len(workspace.asked.vehicles) - 1
+    chosen = recordings[sha256]
+    followers = len(workspace.selection.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
         for chain in chains(chosen)
@@ -160,7 +161,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     if not platoons:
         st.caption(f"{names[sha256]} has no platoon with {followers} followers.")
         return
-    same = workspace.asked.vehicles[0]
+    same = workspace.selection.vehicles[0]
     leader = columns[1].selectbox(
         "Leader there", list(platoons), index=list(platoons).index(same) if same in platoons else 0,
         format_func=chosen.label, key=f"data_validation_leader_{chosen.sha256[:12]}",
@@ -189,13 +190,15 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                 " in which errors are larger. To keep one for validation, switch it off above, or"
                 " open another recording of these vehicles."
             )
-    first = spare[0] if spare else first_window(chosen, stretches, workspace.asked.window.duration)
-    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.asked.window}"
+    first = (
+        spare[0] if spare else first_window(chosen, stretches, workspace.selection.window.duration)
+    )
+    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.selection.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
         key=f"data_validation_start_{key}", help="In that recording's time.",
     )  # fmt: skip
-    most, usual = (max(MINIMUM_DURATION, one.duration) for one in (chosen, first))
+    most, usual = (max(MINIMUM_DURATION, span.duration) for span in (chosen, first))
     length = columns[3].number_input(
         "Lasts [s]", MINIMUM_DURATION, most, usual, 10.0,
         format="%.1f", key=f"data_validation_length_{key}",
@@ -223,10 +226,10 @@ def _learned(workspace: Workspace) -> tuple[Window, ...]:
 
 def _upload(workspace: Workspace) -> None:
     def took(name: str, raw: bytes) -> None:
-        one = read(raw, name)
-        if one.sha256 not in workspace.opened:
-            workspace.remember(one)
-        workspace.choices["data_validation_recording"] = one.sha256
+        recording = read(raw, name)
+        if recording.sha256 not in workspace.opened:
+            workspace.remember(recording)
+        workspace.choices["data_validation_recording"] = recording.sha256
 
     show.upload(
         "Or drop a second recording here; the first one stays open.", "data_validation_upload",
@@ -250,6 +253,6 @@ def show_validation(workspace: Workspace) -> None:
     validated, errors = ClosedLoop.of(other, result.estimate), result.evaluation.closed_loop
     table = validation_table(result.infos, errors, other.info, validated.errors)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
-    said = (*messages(findings, segment), *messages(validated.findings, other))
-    show.messages(said, "warning")
+    sentences = (*messages(findings, segment), *messages(validated.findings, other))
+    show.messages(sentences, "warning")
     show.downloads(table, f"{segment.source}_validation", "validation")

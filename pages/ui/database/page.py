@@ -1,4 +1,4 @@
-"""The page Database: parameters of many vehicles by make, model and setting, and how sure they are.
+"""The page Database: parameters of many vehicles by make, model and setting, with intervals.
 
 A study is the folder of one batch of estimations on the server. The batch that fills it is in
 `pages.ui.database.running`. What is read and grouped is kept as long as the study does not change.
@@ -6,7 +6,7 @@ A study is the folder of one batch of estimations on the server. The batch that 
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -28,10 +28,12 @@ from accpinn.study.studies import Failure
 from accpinn.study.supplied import read_about, supplied_study
 from pages.ui.components import frame, show
 from pages.ui.components.show import bound, escape_markdown, select, tabs
-from pages.ui.database import own, running
+from pages.ui.database import running, study_folders
 from pages.ui.session.resources import find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
+FEW_GROUPS = 8
+"""Rows of the table of groups until all are asked for."""
 LISTED = 100
 """Failures that are shown; the file has all of them."""
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
@@ -58,7 +60,7 @@ GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "campaign": ("Campaign", ("campaign",)),
     "mode": ("Mode", ("mode",)),
 }
-"""What groups have in common: title and columns, by a short name."""
+"""Title and columns of each grouping, by a short name."""
 ADDRESSED = ("study", "method", "by", *FILTERS)
 """Query parameters. What is chosen has the same names, which begin with "database_" there."""
 NOT_TOLD = "not stated"
@@ -66,12 +68,12 @@ NOT_TOLD = "not stated"
 WRITTEN = "database_link"
 """The entry in Streamlit's session state with the parameters that this browser was last given."""
 State = tuple[int, ...]
-"""What `state_of` says of a study; empty where the batch has not begun to write."""
+"""The state of a study by `state_of`; empty before its batch writes."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShownRows:
-    """The rows that are chosen, and what they say."""
+    """The chosen rows of a study, grouped, with their picture."""
 
     rows: pd.DataFrame
     """Rows of one method; the index is the place among all rows of the study."""
@@ -85,16 +87,16 @@ class ShownRows:
 
 def show_page(workspace: Workspace) -> None:
     _follow_link(workspace)
-    names = own.own_studies(workspace.id)
+    names = study_folders.listed_studies(workspace.id)
     is_first = not names
-    asked = workspace.choices.get("database_study", "")
-    if "@" in asked:
+    wanted = workspace.choices.get("database_study", "")
+    if "@" in wanted:
         with suppress(ConfigError):
-            own.path_of(workspace.id, asked)
-            names = (asked, *names)
+            study_folders.path_of(workspace.id, wanted)
+            names = (wanted, *names)
     if supplied_study():
-        names = (*names, own.SUPPLIED)
-    refused = asked not in names and running.show_refusal(workspace, asked)
+        names = (*names, study_folders.SUPPLIED)
+    refused = wanted not in names and running.show_refusal(workspace, wanted)
     if not names:
         show.messages(
             "There is no study here yet. A study holds the estimates from every window in"
@@ -103,13 +105,26 @@ def show_page(workspace: Workspace) -> None:
         with st.container(border=True):
             running.show_form(workspace)
         return
-    study = asked if asked in names else names[0]
-    if study != asked and not refused:  # why a batch was refused stands until another is chosen
-        if asked:
-            show.messages(f"There is no study {own.title_of(asked)[:60]} here.", "warning")
+    study = wanted if wanted in names else names[0]
+    if study != wanted and not refused:  # why a batch was refused stands until another is chosen
+        if wanted:
+            show.messages(
+                f"There is no study {study_folders.title_of(wanted)[:60]} here.", "warning"
+            )
         choose(workspace, study=study)
     with st.container(horizontal=True, vertical_alignment="bottom", key="database_head"):
-        _choose_study(workspace, names, study)
+        titles = dict[str, str]()
+        for name in names:
+            owner = name.rpartition("/")[0][1:7]
+            whose = f" (of {owner})" if owner else " (by a link)" if "@" in name else ""
+            titles[name] = study_folders.title_of(name) + whose
+        select(
+            "Study", titles, study, "database_study",
+            lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
+            width=280,
+            help="The estimates from many recordings; your own come first, the one written to last"
+            " on top.",
+        )  # fmt: skip
         place = st.container(horizontal=True, vertical_alignment="bottom", width="content")
         _show_actions(workspace, study, is_first)
     show.attempt(lambda: _show_body(workspace, study, place))
@@ -123,8 +138,8 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 
 def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
-    """A study's batch and rows; what is chosen of them stands in ``place``."""
-    folder = own.path_of(workspace.id, study)
+    """A study's batch and rows; their filters stand in ``place``."""
+    folder = study_folders.path_of(workspace.id, study)
     state = on_disk.state_of(folder)
     running.show_batch(workspace, study, on_disk.read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
@@ -139,19 +154,8 @@ def _show_body(workspace: Workspace, study: str, place: DeltaGenerator) -> None:
         _show_failures(on_disk.read_failures(folder), study)
 
 
-def _choose_study(workspace: Workspace, names: tuple[str, ...], study: str) -> None:
-    select(
-        "Study", {name: _label(name) for name in names}, study,
-        "database_study",
-        lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
-        width=280,
-        help="The estimates from many recordings; your own come first, the one written to last on"
-        " top.",
-    )  # fmt: skip
-
-
 def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
-    """The way to a study of one's own, and the link to what is shown."""
+    """The button for a study of one's own, and the link to the shown rows."""
     popover = st.popover(
         "Start your own" if is_first else "New study", icon=":material/playlist_add:",
         key="database_new", type="primary" if is_first else "secondary", on_change="rerun",
@@ -163,22 +167,18 @@ def _show_actions(workspace: Workspace, study: str, is_first: bool) -> None:
             running.show_form(workspace)
     with st.popover("Link", icon=":material/share:"):
         st.caption("It opens this study with these filters, without your session.")
-        shared = own.link_to(workspace.id, study)
+        shared = study_folders.link_to(workspace.id, study)
         parameters = _parameters(workspace) | {"study": (shared,)}
         show.address(f"Database?{urlencode(parameters, doseq=True)}")
-
-
-def _label(name: str) -> str:
-    """What the list of studies says of one."""
-    owner = name.rpartition("/")[0][1:7]
-    whose = " (by a link)" if "@" in name else ""
-    return own.title_of(name) + (f" (of {owner})" if owner else whose)
 
 
 def _show_study(
     workspace: Workspace, study: str, state: State, rows: pd.DataFrame, place: DeltaGenerator
 ) -> None:
-    folder, is_supplied = own.path_of(workspace.id, study), study == own.SUPPLIED
+    folder, is_supplied = (
+        study_folders.path_of(workspace.id, study),
+        study == study_folders.SUPPLIED,
+    )
     study = folder.name
     with place:
         filters, method, by = _show_filters(workspace, rows)
@@ -206,8 +206,8 @@ def _show_study(
     tabs(workspace, "database_tabs", {
         "Time gap over speed": lambda: _show_gaps(workspace, rows, selected),
         "α–β plane": lambda: _show_plane(workspace, rows, selected),
-        "Numbers": lambda: _show_groups(selected, f"{study}_by_{by}"),
-        "Parameters": lambda: _show_parameters(selected),
+        "Numbers": lambda: _show_groups(workspace, selected, f"{study}_by_{by}"),
+        "Parameters": lambda: show.table(results.group_parameters_table(selected.groups)),
         "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
         "All rows": lambda: _show_rows(workspace, rows, selected, study),
         "Failures": lambda: _show_failures(failures, study),
@@ -220,15 +220,15 @@ def _show_filters(
     """The controls; by column the values that are shown where not all are, method and grouping."""
     choices, filters = workspace.choices, dict[str, tuple[str, ...]]()
     values = {name: sorted(rows[name].unique()) for name in FILTERS}
-    for name, there in values.items():
-        kept = choices[f"database_{name}"] = tuple(
-            value for value in choices.get(f"database_{name}", ()) if value in there
+    for name, offered in values.items():
+        selected = choices[f"database_{name}"] = tuple(
+            value for value in choices.get(f"database_{name}", ()) if value in offered
         )
-        if kept:
-            filters[name] = kept
+        if selected:
+            filters[name] = selected
     method = str(choices.get("database_method"))
-    if method not in (known := list(dict.fromkeys(rows["method"]))):
-        method = COMPARED[0] if COMPARED[0] in known else known[0]
+    if method not in (methods := list(dict.fromkeys(rows["method"]))):
+        method = COMPARED[0] if COMPARED[0] in methods else methods[0]
     choices["database_method"] = method
     by = choices["database_by"] = select(
         "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "setting",
@@ -237,22 +237,22 @@ def _show_filters(
     )  # fmt: skip
     count = f" ({len(filters)})" if filters else ""
     with st.popover(f"Filter{count}", icon=":material/filter_alt:", key="database_filter"):
-        for name, there in values.items():
+        for name, offered in values.items():
 
             def chosen(values: list[str], name: str = name) -> None:
                 choose(workspace, **{name: tuple(values)})
 
             st.multiselect(
-                FILTERS[name], there, placeholder="All",
+                FILTERS[name], offered, placeholder="All",
                 **bound(f"database_{name}", list(filters.get(name, ())), chosen, default=""),
-                help=f"Only rows with one of these; all where none is chosen. {len(there)} are"
+                help=f"Only rows with one of these; all where none is chosen. {len(offered)} are"
                 " there.",
             )  # fmt: skip
     return filters, method, by
 
 
 def _show_key(selected: ShownRows) -> None:
-    """What the marks of the picture mean, briefly, and all of it on hovering."""
+    """The meaning of the picture's marks, in short, and in full on hovering."""
     speed = SPEEDS[-1]
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
@@ -266,7 +266,7 @@ def _show_key(selected: ShownRows) -> None:
 
 @st.cache_resource(max_entries=4, show_spinner="Reading the study …")
 def study_rows(folder: str, state: State) -> pd.DataFrame:
-    """All rows of a study in one state; empty cells of texts say so.
+    """All rows of a study in one state, with empty texts replaced.
 
     Raises:
         RecordingError: where there is no study.
@@ -282,7 +282,7 @@ def shown(
     folder: str, state: State, filters: tuple[tuple[str, tuple[str, ...]], ...], method: str,
     by: str,
 ) -> ShownRows:  # fmt: skip
-    """The rows of a study that are chosen, and what they say."""
+    """The chosen rows of a study, grouped, with their picture."""
     rows = study_rows(folder, state)
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
@@ -297,16 +297,16 @@ def shown(
 
 
 def _follow_link(workspace: Workspace) -> None:
-    """Take over what the address asks for, unless this browser was given that address here."""
-    asked = _asked()
-    if asked and asked != st.session_state.get(WRITTEN):
-        single = {name: (asked.get(name) or ("",))[0] for name in ("study", "method", "by")}
-        choose(workspace, **{name: asked.get(name, ()) for name in FILTERS}, **single)
-        st.session_state[WRITTEN] = asked
+    """Apply the query parameters, unless this page has written them itself."""
+    parameters = _asked()
+    if parameters and parameters != st.session_state.get(WRITTEN):
+        single = {name: (parameters.get(name) or ("",))[0] for name in ("study", "method", "by")}
+        choose(workspace, **{name: parameters.get(name, ()) for name in FILTERS}, **single)
+        st.session_state[WRITTEN] = parameters
 
 
 def _write_link(workspace: Workspace) -> None:
-    """Let the address say what is shown, so that a reload and a bookmark find it again."""
+    """Write the choices into the address, so that a reload and a bookmark find them again."""
     wanted, address = _parameters(workspace), st.query_params
     if wanted != _asked():
         others = {name: tuple(address.get_all(name)) for name in address}
@@ -315,7 +315,7 @@ def _write_link(workspace: Workspace) -> None:
 
 
 def _parameters(workspace: Workspace) -> dict[str, tuple[str, ...]]:
-    """The query parameters of what is shown, with all values of each."""
+    """The query parameters of the present choices, with all values of each."""
     chosen = {name: workspace.choices.get(f"database_{name}") for name in ADDRESSED}
     return {
         name: (value,) if isinstance(value, str) else value
@@ -332,8 +332,16 @@ def _asked() -> dict[str, tuple[str, ...]]:
 # Tabs
 
 
-def _show_groups(selected: ShownRows, name: str) -> None:
-    show.table(results.ranking_table(selected.groups))
+def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
+    table = results.ranking_table(selected.groups)
+    count, key = len(table.rows), "database_all_groups"
+    is_short = count > FEW_GROUPS and not workspace.choices.get(key)
+    show.table(replace(table, rows=table.rows[:FEW_GROUPS]) if is_short else table)
+    if is_short:
+        st.button(
+            f"Show all {count} groups", key=f"{key}_more", type="tertiary",
+            icon=":material/expand_more:", on_click=workspace.keep(key), args=(True,),
+        )  # fmt: skip
     show.caption(
         "Of several vehicles: their share, and in brackets that of all such vehicles.",
         "In brackets: intervals of the typical value. With one vehicle that is its own; with"
@@ -342,10 +350,6 @@ def _show_groups(selected: ShownRows, name: str) -> None:
         " whatever speed was driven.",
     )
     show.downloads(results.group_table(selected.groups), name, "database_groups")
-
-
-def _show_parameters(selected: ShownRows) -> None:
-    show.table(results.group_parameters_table(selected.groups))
 
 
 def _show_spread(selected: ShownRows, name: str) -> None:
@@ -361,7 +365,7 @@ def _show_spread(selected: ShownRows, name: str) -> None:
 
 
 def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
-    """Whose rows are shown, window by window; returns what they are."""
+    """Choose whose rows are shown, window by window."""
     titles = {method: title_of_variant(method) for method in dict.fromkeys(rows["method"])}
     method = workspace.choices["database_method"]
     if len(titles) > 1:
@@ -453,12 +457,12 @@ def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) 
     with st.container(border=True, horizontal=True, vertical_alignment="center"):
         end = row["start"] + row["duration"]
         who = " ".join(part for part in (row["make"], row["model"]) if part != NOT_TOLD)
-        said = (
+        numbers = (
             f"{row['campaign']}, {row['file']}, {row['start']:.0f}–{end:.0f} s, vehicle"
             f" {row['vehicle']}: α {row['alpha']:.3f} 1/s², β {row['beta']:.3f} 1/s, τ"
             f" {row['tau']:.2f} s"
         )
-        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(said)}", width="stretch")
+        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(numbers)}", width="stretch")
         if st.button(
             "Open this window", icon=":material/timeline:", type="primary", key="database_open",
             help="Page Data, with this recording, window and vehicles, ready to train.",

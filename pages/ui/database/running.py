@@ -10,7 +10,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import ConfigError
-from accpinn.methods.registry import VARIANTS
+from accpinn.methods.registry import VARIANTS, recommended_method
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
 from accpinn.recordings.containers import LIMIT_BYTES
@@ -25,7 +25,7 @@ from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
-from pages.ui.database import own
+from pages.ui.database import study_folders
 from pages.ui.session.resources import (
     batch_queue,
     folders,
@@ -38,7 +38,6 @@ REDRAWN = 15.0
 """Seconds after which the rows found meanwhile are shown."""
 WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "600 s",
            math.inf: "whole stretches"}  # fmt: skip
-DEFAULT_METHODS = ("pinn",)
 ALL = "all recordings"
 KEPT_CHOICES = ("database_by", "database_tabs")
 """Choices among those of this page that hold for another study, too."""
@@ -48,10 +47,12 @@ UPLOAD = "database_upload"
 
 
 def _task(workspace: Workspace, study: str) -> Task[BatchProgress] | None:
-    if study == own.SUPPLIED:
+    if study == study_folders.SUPPLIED:
         return None
     with suppress(ConfigError):  # no name of a study
-        return batch_queue().of(own.task_owner(own.path_of(workspace.id, study)), "batch")
+        return batch_queue().of(
+            study_folders.task_owner(study_folders.path_of(workspace.id, study)), "batch"
+        )
     return None
 
 
@@ -63,9 +64,9 @@ def is_active(workspace: Workspace, study: str) -> bool:
 
 def _start(workspace: Workspace, study: str, request: Request) -> None:
     task = _task(workspace, study)
-    if own.is_changed_by(study) and (task is None or not task.is_active):
-        path = own.path_of(workspace.id, study)
-        task = batch_task(own.task_owner(path), path, request)
+    if study_folders.is_changed_by(study) and (task is None or not task.is_active):
+        path = study_folders.path_of(workspace.id, study)
+        task = batch_task(study_folders.task_owner(path), path, request)
         batch_queue().submit(task, workspace.owner or workspace.key)
 
 
@@ -73,8 +74,8 @@ def _start(workspace: Workspace, study: str, request: Request) -> None:
 
 
 def show_batch(workspace: Workspace, study: str, request: Request | None) -> None:
-    """The study's batch: how far it is, or how it ended, and what can be done about it."""
-    task, is_own = _task(workspace, study), own.is_changed_by(study)
+    """The progress or outcome of the study's batch, with buttons to stop or continue it."""
+    task, is_own = _task(workspace, study), study_folders.is_changed_by(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")
         with bar:
@@ -85,16 +86,18 @@ def show_batch(workspace: Workspace, study: str, request: Request | None) -> Non
         return
     show_refusal(workspace, study)
     if task is not None and task.status is not Status.FAILED and task.latest:
-        said = summary_line(task.latest)
+        outcome = summary_line(task.latest)
     elif request is not None and not request.is_finished:
-        said = "The batch of this study did not come to its end; what it found is kept."
+        outcome = "The batch of this study did not come to its end; what it found is kept."
     else:
         return
     finished = request is not None and request.is_finished
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
-    line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    at_hand = request is not None and _is_at_hand(request, own.path_of(workspace.id, study))
+    line.markdown(f":material/{icon}: {escape_markdown(outcome)}")
+    at_hand = request is not None and _is_at_hand(
+        request, study_folders.path_of(workspace.id, study)
+    )
     if request is not None and not finished and is_own and at_hand:
         button.button(
             "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
@@ -124,14 +127,14 @@ def _watch(task: Task[BatchProgress]) -> None:
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
     def has_more() -> bool:
-        found = task.latest.rows if task.latest else 0
-        return found > rows and time.monotonic() - drawn > REDRAWN
+        latest = task.latest.rows if task.latest else 0
+        return latest > rows and time.monotonic() - drawn > REDRAWN
 
-    def told(now: BatchProgress) -> str:
+    def describe(now: BatchProgress) -> str:
         left = f" · about {format_duration(now.seconds_left)} left" if now.seconds_left else ""
         return progress_line(now) + left
 
-    monitor(task, told=told, is_stale=has_more)
+    monitor(task, describe=describe, is_stale=has_more)
 
 
 # Starting
@@ -150,7 +153,7 @@ def _estimated(path: Path, window: float) -> BatchEstimate:
 
 
 def show_form(workspace: Workspace) -> None:
-    """What a new batch is to do, how long that takes, and the button that starts it."""
+    """The form of a new batch: recordings, methods, expected time, and the start button."""
     _show_drop_zone(workspace)
     root, dropped = recordings_folder(), workspace.dropped.files
     below = folders(root)
@@ -168,7 +171,7 @@ def show_form(workspace: Workspace) -> None:
         if below:
             source_column.button(
                 "Take the server's folder instead", key="database_undrop", type="tertiary",
-                on_click=_undrop, args=(workspace,),
+                on_click=setattr, args=(workspace, "dropped", Dropped()),
             )  # fmt: skip
     else:
         source = select(
@@ -176,14 +179,17 @@ def show_form(workspace: Workspace) -> None:
             "database_source", workspace, place=source_column,
             help="A folder on the server; all CSV files in it and below.",
         )  # fmt: skip
+    taken = study_folders.listed_studies(workspace.id)
+    defaults = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(taken) + 3)))
+    free = next(name for name in defaults if name not in taken)
     name = name_column.text_input(
         "Name of the study", max_chars=60,
-        **kept(workspace, "database_name", _free_name(workspace)),
+        **kept(workspace, "database_name", free),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
     methods = st.multiselect(
         "Methods", list(VARIANTS), format_func=title_of_variant,
-        **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
+        **kept(workspace, "database_methods", [recommended_method()], default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1.6, 1, 1), vertical_alignment="bottom")
     window = select(
@@ -211,7 +217,12 @@ def show_form(workspace: Workspace) -> None:
     if estimate and methods:
         duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
-    is_allowed = bool(name) and show.attempt(lambda: _named(workspace, name)) is not None
+
+    def folder() -> Path:
+        study_path(name)  # refuses another user's
+        return study_folders.path_of(workspace.id, name)
+
+    is_allowed = bool(name) and show.attempt(folder) is not None
     request = Request(
         sources=() if dropped else (str(root / source),),
         methods=tuple(methods),
@@ -243,26 +254,10 @@ def _show_drop_zone(workspace: Workspace) -> None:
     show.messages(workspace.dropped.refused, "warning")
 
 
-def _undrop(workspace: Workspace) -> None:
-    workspace.dropped = Dropped()
-
-
-def _named(workspace: Workspace, name: str) -> Path:
-    """The folder of a study of that name, as it is typed."""
-    study_path(name)  # refuses what names another's
-    return own.path_of(workspace.id, name)
-
-
-def _free_name(workspace: Workspace) -> str:
-    known = own.own_studies(workspace.id)
-    names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(known) + 3)))
-    return next(name for name in names if name not in known)
-
-
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
     if workspace.dropped.files and not is_active(workspace, name):
-        own.make_room(workspace.id, name, workspace.dropped.nbytes)
-        paths = workspace.dropped.save(own.path_of(workspace.id, name))
+        study_folders.make_room(workspace.id, name, workspace.dropped.nbytes)
+        paths = workspace.dropped.save(study_folders.path_of(workspace.id, name))
         request, workspace.dropped = replace(request, sources=paths), Dropped()
     _start(workspace, name, request)
     workspace.choices = {

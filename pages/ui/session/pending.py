@@ -1,4 +1,4 @@
-"""A table that is to be opened, once it is known what its columns hold and which run is meant."""
+"""A table that waits for the meaning of its columns or the choice of a run."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,9 +19,9 @@ class Pending:
     """A table, and how it would be read."""
 
     file: File
-    """As it was opened, without a mapping."""
+    """The table as it was opened, without a mapping."""
     mapping: CsvMapping | None = None
-    """What the columns hold, as chosen so far; None for a table of pairs.
+    """The meaning of the columns as chosen so far; None for a table of pairs.
 
     What a person has to choose yet is empty: the name of a column, the step of even rows and of
     frames, a length (nan).
@@ -29,9 +29,9 @@ class Pending:
     _readings: dict[str | None, Recording | AccpinnError] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, file: File, known: CsvMapping | None = None) -> "Pending":
+    def of(cls, file: File, served: CsvMapping | None = None) -> "Pending":
         """A file and a mapping that served its columns before, or else the proposed one."""
-        mapping = known or (to_complete(file.proposal) if file.is_unknown else None)
+        mapping = served or (to_complete(file.proposal) if file.is_unknown else None)
         return cls(file, mapping)
 
     def read_by(self, mapping: CsvMapping) -> "Pending":
@@ -69,7 +69,7 @@ class Pending:
 
 
 def to_complete(proposal: Proposal) -> CsvMapping:
-    """The proposed mapping without numbers that only a person knows."""
+    """The proposed mapping without the numbers that a person has to enter."""
     mapping = proposal.mapping
     if proposal.is_supported:
         return mapping

@@ -1,13 +1,13 @@
-"""What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
+"""Resources that all browsers share: store, library, queues, recordings and their windows."""
 
 import logging
 import os
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Hashable, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, wraps
 from math import inf, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -20,11 +20,11 @@ from accpinn.results.recording import RatedWindow
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import Information
+from accpinn.segment.windows import Information, car_following
 from accpinn.storage import folder, is_text, printable, shipped, variable
 from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
-from accpinn.study.plan import ENDINGS, car_following
+from accpinn.study.plan import ENDINGS
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
@@ -34,14 +34,14 @@ from pages.ui.server import is_open
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_CHOICES, KEPT_WINDOWS = 16, 64
-"""The latest choices of recording and vehicles, and of windows, for which is kept what follows."""
+KEPT_VALUES = 128
+"""Values that are kept of all functions with `cached` together."""
 TASK_VARIABLE, BATCH_VARIABLE = "ACCPINN_TASK_MINUTES", "ACCPINN_BATCH_MINUTES"
 """Environment variables with the longest time of a training, comparison or download, and of a
 batch, in minutes; "inf" for none."""
 TASK_LIMIT: Seconds = 3600.0
 BATCH_LIMIT: Seconds = 12 * 3600.0
-"""Those of a server that others use, where the variables say nothing."""
+"""Limits of a server that others use, where the variables are not set."""
 SAMPLES = shipped("sample_data")
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
@@ -53,9 +53,28 @@ TITLES = {
 }
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 once = st.cache_resource(show_spinner=False)
-"""What is made once, for all browsers."""
+"""Decorates a function that makes one object for all browsers."""
 store, library = once(Store), once(Library)
+
+
+@lru_cache(maxsize=KEPT_VALUES)
+def _value(function: Callable[..., Any], *arguments: Hashable, **named: Hashable) -> Any:
+    return function(*arguments, **named)
+
+
+def cached(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function of immutable objects: the app's one bounded cache keeps its values."""
+
+    @wraps(function)
+    def look_up(*arguments: P.args, **named: P.kwargs) -> R:
+        value: R = _value(function, *arguments, **named)  # type: ignore[arg-type]
+        return value
+
+    return look_up
 
 
 @once
@@ -98,7 +117,7 @@ def queue_of(task: Task[Any]) -> TaskQueue:
 
 
 def limit_of(variable: str, limit: Seconds) -> Seconds | None:
-    """How long a task may run: as the environment says in minutes.
+    """The longest time of a task in s, from an environment variable in minutes.
 
     Without it, it is ``limit`` on a server that others use, and none on one's own computer; and
     ``limit`` for what is no number of minutes, which the log has.
@@ -118,12 +137,12 @@ def limit_of(variable: str, limit: Seconds) -> Seconds | None:
 
 
 def stop_file() -> Path:
-    """The file whose change ends all tasks submitted before it: `touch` it."""
+    """The file that ends all tasks submitted before its last change."""
     return folder("cache") / "stop"
 
 
 def title_of_variant(name: str) -> str:
-    """What a method is called that a name in `VARIANTS` stands for; another name as it is."""
+    """The title of a variant's method; another name as it is."""
     if name not in VARIANTS:
         return name
     key, config = VARIANTS[name]
@@ -144,9 +163,9 @@ def find_recording(
     name = file.partition(", trajectory ")[0]
     for path in (path for path in (*samples(), *listed()) if path.name == name):
         with suppress(RecordingError):  # another file of that name
-            known = files.opened(path, mapping=mapping)
-            if known.content.sha256(trajectory) == sha256:
-                return known.read(trajectory)
+            table = files.opened(path, mapping=mapping)
+            if table.content.sha256(trajectory) == sha256:
+                return table.read(trajectory)
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -160,7 +179,7 @@ def samples() -> list[Path]:
 
 
 def sample_title(path: Path) -> str:
-    """What a sample is called."""
+    """The title of a sample."""
     return TITLES.get(path.stem, path.stem)
 
 
@@ -191,14 +210,14 @@ def misnamed() -> list[str]:
 
 
 def _tables(root: Path) -> list[Path]:
-    """The files below a folder whose names end as those of tables."""
+    """The files of tables below a folder, by the ends of their names."""
     return [path for path in sorted(root.rglob("*")) if path.suffix.lower() in ENDINGS]
 
 
 # What follows for a recording that is open, computed once
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def truth_of(recording: Recording) -> Truth | None:
     """A sample's true parameters; None of any other recording."""
     for path in (path for path in samples() if path.name == recording.source):
@@ -208,17 +227,17 @@ def truth_of(recording: Recording) -> Truth | None:
     return None
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def whole_drive(
     recording: Recording, vehicles: tuple[int, ...]
 ) -> tuple[Segment, Regimes, Information]:
-    """All of a recording, holes included: its data, its regimes, and what its windows tell."""
+    """Data, regimes and information content of a whole recording, also with missing samples."""
     whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
     regimes = label_regimes(whole, recording)
     return whole, regimes, Information.of(whole, regimes)
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
     """The windows in which all followers are in car-following; empty for fewer than two."""
     with suppress(SegmentError):
@@ -227,7 +246,7 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@lru_cache(maxsize=KEPT_WINDOWS)
+@cached
 def segment_of(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
@@ -240,9 +259,9 @@ def segment_of(
     return segment
 
 
-@lru_cache(maxsize=KEPT_WINDOWS)
+@cached
 def rated(recording: Recording, segment: Segment) -> tuple[Rating, ...]:
-    """What a window is worth."""
+    """The quality of a window, as ratings."""
     return rate(segment, recording, assess_quality(segment))
 
 
@@ -253,7 +272,7 @@ def rated_windows(
     vehicles: tuple[int, ...],
     excluded: tuple[str, ...],
 ) -> tuple[RatedWindow, ...]:
-    """What each of several windows is worth, and which are used."""
+    """The quality of each of several windows, and which are used."""
 
     def row(number: int, window: Window) -> RatedWindow:
         try:
@@ -265,7 +284,7 @@ def rated_windows(
     return tuple(row(number, window) for number, window in enumerate(windows, 1))
 
 
-@lru_cache(maxsize=KEPT_CHOICES)
+@cached
 def judged_subjects(
     recording: Recording, vehicles: tuple[int, ...], window: Window
 ) -> tuple[Subject, ...]:

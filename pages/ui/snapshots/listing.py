@@ -31,7 +31,8 @@ from accpinn.units import MetresPerSecond, Quantity
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
-from pages.ui.session.sessions import DIGEST, own_result
+from pages.ui.session.saved import own_result
+from pages.ui.session.sessions import DIGEST
 from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
@@ -51,23 +52,23 @@ def show_entries(
     help: str | None = None,
     title: str = "",
 ) -> None:
-    """A row each, with time gaps and growths on common axes, and a field to search where many are.
+    """A row for each entry with time gaps and growths on common axes, and a search field.
 
     A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry. A
     long list shows few rows until all are asked for.
     """
     is_long = len(entries) > FEW
-    matching, asked = entries, ""
+    matching, search = entries, ""
     if is_long:
         if title:
             st.markdown(f"**{title}**")
             title = ""
-        asked = st.text_input(
+        search = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method", label_visibility="collapsed",
         )  # fmt: skip
-        matching = [entry for entry in entries if entry.matches(asked or "")]
-    is_short = is_long and not asked and not workspace.choices.get(f"{key}_all")
+        matching = [entry for entry in entries if entry.matches(search or "")]
+    is_short = is_long and not search and not workspace.choices.get(f"{key}_all")
     rows = matching[: FEW if is_short else LISTED]
     if rows:
         _show_rows(rows, key, open_entry, action, help, title)
@@ -104,14 +105,17 @@ def _show_rows(
                 named, drawn, *more = st.columns(widths, vertical_alignment="center")
                 with named.container(gap=None):
                     about = escape_markdown(_about(entry))
+                    icon = "inventory_2" if is_snapshot(entry) else "show_chart"
+                    icon = "error" if entry.fault else icon
                     st.button(
                         escape_markdown(title_of(entry)), key=f"{key}_open_{entry.id}",
-                        type="tertiary", icon=f":material/{_icon(entry)}:",
+                        type="tertiary", icon=f":material/{icon}:",
                         on_click=open_entry, args=(entry,),
                         help="\n\n".join(filter(None, (about, help))),
                     )  # fmt: skip
-                    if not entry.name.strip():
-                        st.caption(about)  # a name says what it names
+                    # A name says enough; a long list has the rest on hovering.
+                    if not entry.name.strip() and len(entries) <= FEW:
+                        st.caption(about)
                 drawn.html(axes.row(entry, now)) if not entry.fault else drawn.caption("damaged")
                 if action and more:
                     with more[0]:
@@ -126,17 +130,13 @@ def _now() -> datetime:
         return datetime.now(UTC)
 
 
-def _icon(entry: Entry) -> str:
-    return "error" if entry.fault else "inventory_2" if is_snapshot(entry) else "show_chart"
-
-
 def is_snapshot(entry: Entry) -> bool:
     """Whether it is kept as a snapshot; else it is a run."""
     return len(entry.id) < DIGEST
 
 
 def title_of(saved: Entry | Result) -> str:
-    """What a saved result is called: its name, or else its recording; of a result, the method."""
+    """The title of a saved result: its name, or else its recording; of a run, the method."""
     if saved.name.strip():
         return saved.name.strip()
     if isinstance(saved, Entry):
@@ -146,7 +146,7 @@ def title_of(saved: Entry | Result) -> str:
 
 
 def _about(entry: Entry) -> str:
-    """Its data and method, as far as its title does not say them."""
+    """Data and method of an entry, as far as its title does not name them."""
     if entry.fault:
         return "cannot be read"
     windows, cars = entry.window.split(", "), entry.vehicles[1:]
@@ -164,25 +164,25 @@ def choose_entry(
     workspace: Workspace, label: str, key: str, entries: Sequence[Entry], **look: Any
 ) -> str:
     """The short name of one of them; at first of the newest. ``look`` is as of `select`."""
-    known = {
+    entries_by_id = {
         entry.id: " · ".join((title_of(entry), _about(entry), entry.id[:6])) for entry in entries
     }
-    return select(label, known, entries[0].id, key, workspace, **{"width": 520} | look)
+    return select(label, entries_by_id, entries[0].id, key, workspace, **{"width": 520} | look)
 
 
 # Two results
 
 
 def show_both(workspace: Workspace, first: Result, second: Result) -> None:
-    """Estimates with intervals, Bode magnitudes, and what differs in settings and data."""
+    """Compare two results: estimates with intervals, Bode magnitudes, settings and data."""
     if changes := what_differs(first, second):
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
-        said = "Both are from the same data of one recording, by the same settings"
+        sentence = "Both are from the same data of one recording, by the same settings"
         if first.parameters == second.parameters:
-            st.caption(f"{said}, and have the same parameters: nothing differs.")
+            st.caption(f"{sentence}, and have the same parameters: nothing differs.")
             return
-        st.caption(f"{said}.")
+        st.caption(f"{sentence}.")
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     show.table(differences_table(first, second))
     _show_responses(first, second)
@@ -213,14 +213,14 @@ def differences_table(first: Result, second: Result) -> Table:
     paints = vehicle_colours(longer.vehicles)[1:]
     for k, (label, beside) in enumerate(labels):
         name = label if label == beside else f"{label} / {beside}"
-        one, other = (_estimates(side, k, speed) for side in (first, second))
-        for column in one | other:
-            cells = one.get(column), other.get(column)
+        left, right = (_estimates(side, k, speed) for side in (first, second))
+        for column in left | right:
+            cells = left.get(column), right.get(column)
             before, after = map(_value, cells)
             change, digits = after - before, column.digits or 0
             share = 100 * change / before if before else np.nan
-            told = (*map(column.shown, cells), _signed(change, digits), _signed(share, 1))
-            rows.append((name, column.heading, *told))
+            texts = (*map(column.shown, cells), _signed(change, digits), _signed(share, 1))
+            rows.append((name, column.heading, *texts))
             colours.append(paints[k])
     titles = ("Follower", "Quantity", "First", "Second", "Δ", "Δ in %")
     methods = dict.fromkeys(name_of(side.estimate) for side in (first, second))
@@ -233,10 +233,10 @@ def _estimates(result: Result, follower: int, speed: MetresPerSecond) -> dict[Co
     if follower >= result.info.followers:
         return {}
     estimate = result.estimate
-    own = parameter_cells(result.parameters, "", estimate.model, result.uncertainty)
+    columns = parameter_cells(result.parameters, "", estimate.model, result.uncertainty)
     gap = estimate.time_gap(speed, follower)
     cells: dict[Column, Cell] = {gap_column(speed): gap if result.posterior else gap.value}
-    return cells | {column: [*estimates][follower] for column, estimates in own}
+    return cells | {column: [*estimates][follower] for column, estimates in columns}
 
 
 def _value(cell: Cell) -> float:
@@ -277,12 +277,12 @@ def _show_curves(workspace: Workspace, first: Result, second: Result) -> None:
     if first.info.digest != second.info.digest:
         return
     follower = pick(workspace, shorter.labels[1:], "beside_follower")
-    one, other = (driven(side, follower) for side in (first, second))
-    if not (one and other):
+    motions = driven(first, follower), driven(second, follower)
+    if not all(motions):
         return
     st.caption(f"Simulation of both behind the measured vehicle ahead, {first.info.window}.")
-    chart = tracking(first.segments[0], follower, simulation=one, height=400)
-    added = tracking(second.segments[0], follower, simulation=other, height=400)
+    chart = tracking(first.segments[0], follower, simulation=motions[0], height=400)
+    added = tracking(second.segments[0], follower, simulation=motions[1], height=400)
     name = {"name": SIMULATION}
     chart.for_each_trace(lambda trace: trace.update(name="first", line={"dash": "solid"}), name)
     added.for_each_trace(
@@ -295,21 +295,21 @@ def _show_curves(workspace: Workspace, first: Result, second: Result) -> None:
 
 
 def what_differs(first: Result, second: Result) -> tuple[str, ...]:
-    """What differs in data, settings and program, a few words each."""
-    asked = differences(first.analysis, second.analysis)
+    """Differences in data, settings and program, a few words each."""
+    settings = differences(first.analysis, second.analysis)
     further = (
         ("SHA-256", first.analysis.source.sha256[:16], second.analysis.source.sha256[:16]),
         ("iterations done", f"{first.estimate.iterations:,}", f"{second.estimate.iterations:,}"),
         ("accpinn", first.origin.accpinn, second.origin.accpinn),
     )
-    return asked + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)
+    return settings + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)
 
 
 # Finished runs
 
 
 def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: str = "") -> None:
-    """The list, whose rows show a result again, and two of them beside each other."""
+    """The list of runs; a click shows a result again, and two can stand side by side."""
 
     def restore(entry: Entry) -> None:
         restore_run(workspace, entry.id)
@@ -325,17 +325,17 @@ def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str, title: s
         first = choose_entry(workspace, "Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first]
         second = choose_entry(workspace, "Beside", f"{key}_second", others)
-        both = (own_result(workspace, run).found_in(workspace.recording) for run in (first, second))
-        show_both(workspace, *both)
+        pair = (own_result(workspace, run).found_in(workspace.recording) for run in (first, second))
+        show_both(workspace, *pair)
 
 
 def restore_run(workspace: Workspace, name: str) -> None:
     """Show a training on every page, with its recording where the session or server has it."""
     result = own_result(workspace, name)
     source = result.analysis.source
-    known = workspace.opened.get(source.sha256)
+    recording = workspace.opened.get(source.sha256)
     with suppress(RecordingError):
-        known = known or find_recording(
+        recording = recording or find_recording(
             source.name, source.sha256, source.trajectory, source.mapping
         )
-    workspace.restore(result, known)
+    workspace.restore(result, recording)

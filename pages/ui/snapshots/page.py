@@ -20,20 +20,16 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.resources import library, opened
-from pages.ui.session.sessions import (
-    SNAPSHOT,
-    may_delete,
-    own_snapshots,
-    owner_mark,
-    readable_snapshots,
-)
+from pages.ui.session.saved import may_delete, own_snapshots, readable_snapshots
+from pages.ui.session.sessions import SNAPSHOT
+from pages.ui.session.users import owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 COLOURS = {True: "green", False: "red", None: "gray"}
-"""Of a verification's mark by its outcome."""
+"""Colour of a verification's mark by its outcome."""
 MARK = '<span style="cursor: help; font-size: .875rem" title="{why}">{brief}</span>'
 CONTAINS = "The file contains the recorded speeds and gaps of its windows."
 LESS = "To share less, send the parameter card (Train, Export) or a report without curves."
@@ -249,7 +245,7 @@ def back_button(workspace: Workspace) -> None:
 
 
 def _report(workspace: Workspace, snapshot: Result, recording: Recording | None) -> str:
-    """With how it was verified; one that was not yet is, where that is soon done."""
+    """The report with its verification, which is made first where it takes little time."""
     has_curves, checked = not st.session_state.get(NO_CURVES), _verified(workspace, snapshot)
     if checked is None:
         checked = verify(snapshot, recording, refit_within=PROMPT)
@@ -275,9 +271,9 @@ def _show_standing(workspace: Workspace, snapshot: Result, recording: Recording 
         if checked and checked.ok is False:
             show.messages(checked.sentence, "error")
         elif checked:
-            mark, said = checked.mark[0], escape_markdown(checked.sentence)
-            said = f":{COLOURS[checked.ok]}[**{mark}**] {said}"
-            st.caption(said, help=escape_markdown(checked.how), width="content")
+            mark, sentence = checked.mark[0], escape_markdown(checked.sentence)
+            sentence = f":{COLOURS[checked.ok]}[**{mark}**] {sentence}"
+            st.caption(sentence, help=escape_markdown(checked.how), width="content")
         _verify_button(workspace, snapshot, recording, checked)
 
 

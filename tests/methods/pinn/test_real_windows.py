@@ -11,7 +11,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.methods.pinn.loss import output_columns, stack_outputs
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
-from accpinn.study.plan import car_following
+from accpinn.segment.windows import car_following
 from accpinn.units import FloatArray
 
 

@@ -22,7 +22,7 @@ from tests.support.following import driven as followed
 from tests.support.methods import WEIGHTED, after
 from tests.support.snapshots import asked_of, bits
 
-BRIEF = replace(FAST, iterations=60)
+BRIEF = replace(FAST, iterations=20)
 SHORT = replace(PAPER, iterations=20)
 IDM = ModelSpec("idm")
 
@@ -130,7 +130,7 @@ class TestTruth:
 class TestWindows:
     @pytest.mark.parametrize(
         "config",
-        [BRIEF, replace(WEIGHTED, iterations=60), SHORT],
+        [BRIEF, replace(WEIGHTED, iterations=20), SHORT],
         ids=["fast", "weighted", "paper"],
     )
     def test_one_that_is_given_twice_counts_as_once(self, config: PinnConfig) -> None:

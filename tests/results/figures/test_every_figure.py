@@ -18,6 +18,7 @@ import pytest
 from plotly.io import to_json
 from plotly.utils import PlotlyJSONEncoder
 
+import accpinn
 from accpinn.evaluation.residuals import residual_correlations
 from accpinn.methods import recursive
 from accpinn.model.published import ASTAZERO
@@ -27,16 +28,17 @@ from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
 from accpinn.results.cast import Cast
-from accpinn.results.figures import comparison, control, database, laboratory, platoon
+from accpinn.results.figures import comparison, control, database, laboratory, next_drive, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
 from accpinn.results.figures.style import on_paper
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.waves import Waves, waves
 from accpinn.study.groups import group
 from accpinn.study.result import Result
-from accpinn.study.vehicles import assessed_vehicles
+from accpinn.study.vehicles import AssessedVehicles, assessed_vehicles
 from tests.results.figures.test_training import history
 from tests.support.openacc_files import recording
 from tests.support.samples import PLATOON, sample
@@ -51,6 +53,7 @@ RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0)
 WITHOUT_UNIT = {
     "Iteration",
     "Loss",
+    "Largest growth",
     "Minus its last value",
     "Gain",
     "Coherence",
@@ -85,6 +88,10 @@ def simulated(collides: bool) -> Any:
     return simulate_platoon(ASTAZERO.parameters[[0] * 8], leader), Cast(named, (0,) * 8)
 
 
+def proposed() -> Any:
+    return accpinn.next_drive(known(), duration=40.0)
+
+
 def judged() -> Any:
     errors = {"rmse": np.array([1.0, 2.0]), "typical_rmse": 1.4}
     score = SimpleNamespace(model=FOLLOWING["idm"], key="idm", theta=None, **errors)
@@ -94,6 +101,14 @@ def judged() -> Any:
 
 def grouped() -> Any:
     return group(rows(row(NAME), row("B"), row("C", tau=None)), ("make",))
+
+
+@cache
+def waved() -> tuple[AssessedVehicles, Waves]:
+    """Two vehicles and the growth of waves by two IDMs."""
+    subject, speeds = assessed_vehicles(known()), np.full(2, 20.0)
+    theta = np.tile(IDM.typical, (2, 1))
+    return subject, waves(IDM, theta, speeds, subject.vehicles.labels, (2, 3))
 
 
 PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
@@ -122,12 +137,16 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "control.pole_map": lambda: control.pole_map(assessed_vehicles(known())),
     "control.step_responses": lambda: control.step_responses(assessed_vehicles(known())),
     "control.impulse_response": lambda: control.impulse_response(assessed_vehicles(known()), 0),
+    "control.growth_by_frequency": lambda: control.growth_by_frequency(*waved()),
+    "control.growth_by_size": lambda: control.growth_by_size(*waved()),
     "control.margin_forest": lambda: control.margin_forest(assessed_vehicles(known())),
     "laboratory.response_curves": lambda: laboratory.response_curves(
         assessed_vehicles(known()), "magnitude", 370
     ),
     "laboratory.bode_phase": lambda: laboratory.bode_phase(assessed_vehicles(known()), 370),
     "laboratory.steady_waves": lambda: laboratory.steady_waves(simulated(True)[1], 0.3, 370),
+    "next_drive.drive_speed": lambda: next_drive.drive_speed(proposed()),
+    "next_drive.drive_narrowing": lambda: next_drive.drive_narrowing(proposed()),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
     "platoon.growth_by_vehicle": lambda: platoon.growth_by_vehicle(*simulated(True)),

@@ -1,4 +1,4 @@
-"""Tables in four formats: the same cells, and nothing of a name interpreted."""
+"""Tables in five formats: the same cells, and nothing of a name interpreted."""
 
 import csv
 import io
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from markdown_it import MarkdownIt
 
 from accpinn.findings import probability
 from accpinn.results.tables import ABSENT, Cell, Column, Range, Table, between, latex, percent_cells
@@ -125,6 +126,23 @@ def test_latex_is_a_table_of_the_same_cells() -> None:
 )  # fmt: skip
 def test_latex_is_stopped_by_no_name(text: str, shown: str) -> None:
     assert latex(text) == shown
+
+
+def test_markdown_is_a_table_of_the_same_cells() -> None:
+    caption, _, heading, rule, first, _ = TABLE.to_markdown().splitlines()
+    assert caption == TABLE.caption
+    assert heading.startswith("| Follower | 90 % interval α \\[1/s²\\] | 90 % interval τ")
+    assert rule == "| --- | ---: | ---: | ---: |"
+    assert first == "| 2 BMW | 0.0100 to 0.0200 | 1.200 or more | 0.12 |"
+
+
+@settings(max_examples=40)
+@given(st.sampled_from([*NASTY, "&lt; a|b", "**a** `b`"]) | st.text(st.characters(codec="utf-8")))
+def test_markdown_shows_a_name_as_it_is(name: str) -> None:
+    table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
+    page = Reader(MarkdownIt().enable("table").render(table.to_markdown()))
+    assert {tag for tag, _ in page.tags} == {"table", "thead", "tbody", "tr", "th", "td"}
+    assert page.rows[1] == [" ".join(name.split()), "1.00"]
 
 
 @pytest.mark.parametrize("name", NASTY)

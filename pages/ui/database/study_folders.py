@@ -1,4 +1,4 @@
-"""Whose studies page Database lists: the user's own, the supplied one, and one that a link opens.
+"""Folders of studies: the user's own, the supplied one, and one that a link opens.
 
 Where all users are one person, a study is a folder below that of `ACCPINN_STUDIES`. On a server
 that others use, each user's studies lie one level lower, in a folder named by a digest of whose
@@ -18,21 +18,21 @@ from accpinn.storage import folder, reported, write_whole
 from accpinn.study.studies import DROPPED, FILE, StudyError, state_of, study_path
 from accpinn.study.supplied import supplied_study
 from pages.ui.session.resources import batch_queue
-from pages.ui.session.sessions import is_admin, owner_mark, sees_all
+from pages.ui.session.users import is_admin, owner_mark, sees_all
 
 OWNERS, LINKS, LINK = "_", "_links", ".link"
-"""What the name of a user's folder begins with, the folder of links, and in a study the file with
-the key of its link. No study's name begins with "_" or a point."""
+"""Prefix of users' folders, folder of links, and file with the key of a study's link. No
+study's name begins with "_" or a point."""
 SUPPLIED, SUPPLIED_TITLE = "supplied:openacc", "OpenACC cars (supplied)"
 """Name and title of the study that comes with the program."""
 MOST_DROPPED = 1_000_000_000
 """Largest size of all files that were dropped for batches, in bytes."""
 DIGITS = 32
-"""Of a digest in the name of a user's folder."""
+"""Hexadecimal digits of the digest in the name of a user's folder."""
 
 
-def own_studies(session: str) -> tuple[str, ...]:
-    """The studies to list, active batches first, then the one that was written to last."""
+def listed_studies(session: str) -> tuple[str, ...]:
+    """The studies that the user may list, active batches first, then by the last change."""
     place = _place(session)
     patterns = ["*", f"{OWNERS}*/*"] if sees_all() or is_admin() else ["*"]
     changed: dict[str, int] = {}
@@ -70,12 +70,12 @@ def path_of(session: str, name: str) -> Path:
 
 
 def is_changed_by(name: str) -> bool:
-    """Whether whoever opened a study by that name may continue and stop its batch."""
+    """Whether the user of a study by that name may continue and stop its batch."""
     return "@" not in name and name != SUPPLIED
 
 
 def title_of(name: str) -> str:
-    """What a study is called: its own name."""
+    """The title of a study on pages."""
     return SUPPLIED_TITLE if name == SUPPLIED else name.partition("@")[0].rpartition("/")[2]
 
 
@@ -85,7 +85,7 @@ def task_owner(path: Path) -> str:
 
 
 def link_to(session: str, name: str) -> str:
-    """The name by which others may open a study; it is made when it is first asked for.
+    """The name by which others may open a study, made at the first call.
 
     Raises:
         StudyError: where it cannot be written.
@@ -105,13 +105,13 @@ def link_to(session: str, name: str) -> str:
 
 
 def make_room(session: str, name: str, nbytes: int) -> None:
-    """Make room for files that were dropped for a study: those of others, now idle, are removed.
+    """Remove dropped files of idle studies until those of one study have room.
 
     Raises:
         StudyError: where the files of all users together would be too large.
     """
     active = batch_queue().active_owners("batch")
-    for other in own_studies(session):
+    for other in listed_studies(session):
         path = path_of(session, other)
         if other != name and "/" not in other and task_owner(path) not in active:
             rmtree(path / DROPPED, ignore_errors=True)

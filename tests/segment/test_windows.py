@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings import Mode, Recording, Window
-from accpinn.segment.cut import complete_windows, cut
+from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
-from accpinn.segment.suggestion import GRID, Information, Suggestion, suggest_window
+from accpinn.segment.windows import GRID, Information, Suggestion, complete_windows, suggest_window
 from tests.support.openacc_files import platoon, recording
 
 STEP = 0.5
@@ -45,7 +45,7 @@ def information(recording: Recording, vehicles: tuple[int, ...] = (1, 2)) -> Inf
 
 def suggested(recording: Recording, duration: float = 60.0) -> Suggestion | None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("accpinn.segment.suggestion.DURATION", duration)
+        patch.setattr("accpinn.segment.windows.DURATION", duration)
         return suggest_window(recording, (1, 2), information(recording))
 
 

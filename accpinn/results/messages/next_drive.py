@@ -1,0 +1,18 @@
+"""A drive that is proposed, in sentences."""
+
+from accpinn.study.next_drive import NextDrive
+
+ABOUT_DRIVE = (
+    "From the drive alone: of the car as it drives then. With all that is known: of its typical"
+    " value; windows of one car differ, which no single drive removes."
+)
+
+
+def drive_in_words(proposed: NextDrive) -> str:
+    """What the car ahead does, and how far the intervals of α and β shrink."""
+    shares = {row.name: row.drive_alone / row.motorway_alone for row in proposed.narrowing}
+    told = [f"{symbol} {100 * shares[name]:.0f} %" for name, symbol in (("alpha", "α"),
+            ("beta", "β")) if name in shares]  # fmt: skip
+    kind = f"{proposed.kind[0].upper()}{proposed.kind[1:]}"
+    narrower = f" Intervals, of those after a motorway drive: {', '.join(told)}." if told else ""
+    return f"{kind}; {proposed.limits.duration:g} s.{narrower}"
