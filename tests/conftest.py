@@ -75,10 +75,9 @@ def store(tmp_path: Path) -> Store:
 @pytest.fixture
 def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> Iterator[None]:
     """A server of its own for a page's test: no sessions, no tasks, an empty store."""
-    import streamlit as st  # takes a second, which most tests need not wait
-
+    # Streamlit takes a second, which most tests need not wait.
     from pages.ui.session import resources as server
-    from pages.ui.session import users
+    from pages.ui.session import sessions, users
 
     # A page's test has no connection; it stands for the person at this computer.
     monkeypatch.setattr(users, "connection_headers", lambda: {"Host": "localhost:8501"})
@@ -88,11 +87,16 @@ def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> I
     # Every page opened would search all installed packages for components; the app has none.
     scan = "streamlit.components.v2.manifest_scanner.scan_component_manifests"
     monkeypatch.setattr(scan, list)
-    st.cache_resource.clear()
+    # The session's objects; what pages make of a file alone is as good in the next test.
+    named = {**vars(server), **vars(sessions)}.values()
+    state = [value for value in named if isinstance(value, type(server.store))]
+    for part in state:
+        part.clear()
     yield
     for queue in (server.task_queue, server.batch_queue, server.download_queue):
         queue().close()
-    st.cache_resource.clear()
+    for part in state:
+        part.clear()
 
 
 @pytest.fixture

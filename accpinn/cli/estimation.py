@@ -59,7 +59,7 @@ from accpinn.results.tables.estimates import (
     starts_table,
     windows_table,
 )
-from accpinn.results.tables.stability import known_table
+from accpinn.results.tables.stability import assessment_table
 from accpinn.segment import SegmentInfo
 from accpinn.segment.windows import AUTO
 from accpinn.study.comparison import Refused, compare, spread_of, starts
@@ -256,7 +256,7 @@ def _comparison_text(results: tuple[Result, ...], refused: tuple[Refused, ...]) 
     subject = assessed_vehicles(first)
     tables = [
         *(methods_table(results, k, best) for k in followers),
-        *([known_table(subject)] if subject.has_report else ()),
+        *([assessment_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in followers if forms),
     ]
     points = [(name_of(r.estimate), about_point(r.estimate)) for r in results]

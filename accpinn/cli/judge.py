@@ -11,7 +11,6 @@ from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.mapping import load_mapping
-from accpinn.results.database import counted
 from accpinn.results.messages.summary import which_model
 from accpinn.results.progress import share_bar
 from accpinn.results.publication import (
@@ -128,5 +127,5 @@ def _text(judgements: Judgements, reference: str | None) -> str:
     ]
     lines += [f"Not judged: {reason}" for reason in reasons[:MOST_FAILURES]]
     if (more := len(reasons) - MOST_FAILURES) > 0:
-        lines.append(f"Not judged: {counted(more, 'more file or follower')}; --json has all.")
+        lines.append(f"Not judged: {more} more files and followers; --json has all.")
     return "\n\n".join([*parts, "\n".join(lines)]).rstrip()

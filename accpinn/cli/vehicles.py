@@ -39,7 +39,7 @@ from accpinn.results.messages.stability import (
 from accpinn.results.tables.next_drive import drive_table
 from accpinn.results.tables.stability import (
     amplitude_table,
-    known_table,
+    assessment_table,
     margin_table,
     verdicts_part,
 )
@@ -252,7 +252,7 @@ def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
 
 
 def _report_text(subject: AssessedVehicles) -> str:
-    vehicles, lines = subject.vehicles, [verdicts_part(known_table(subject)).to_text(), ""]
+    vehicles, lines = subject.vehicles, [verdicts_part(assessment_table(subject)).to_text(), ""]
     lines += [margin_table(subject).to_text(), about_margin(subject), ""]
     if subject.result:
         lines += [headline(subject), assumption(subject.result)]

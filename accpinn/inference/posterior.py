@@ -106,7 +106,7 @@ def sample(
         pairs = zip(wanted, drawn, strict=True)
         coordinates = np.concatenate([_from_time_gap(form, w, speeds[g]) for g, w in pairs])
         places = np.repeat(np.array(wanted), count)
-        prior, likelihood = _log_posterior(criterion, coordinates, places)
+        prior, likelihood = log_posterior(criterion, coordinates, places)
         shape = len(wanted), count
         parts = coordinates.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
@@ -197,7 +197,7 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     return [[maximum, *parts[g :: len(maxima)]] for g, maximum in enumerate(maxima)]
 
 
-def _log_posterior(
+def log_posterior(
     criterion: Criterion, z: FloatArray, groups: Groups
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) log prior and log likelihood of draws (n, P); both -inf where nothing is plausible."""

@@ -115,14 +115,14 @@ def describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]
 
 def _described(result: Result) -> dict[str, Any]:
     """What every document says of a result."""
-    estimate, info, known = result.estimate, result.info, result.uncertainty
+    estimate, info, uncertainty = result.estimate, result.info, result.uncertainty
     return {
         **fields(estimate, "method", "case", "model", "loss", "network_weights", "iterations",
                  "seconds", "cached"),
         "fixed": dict(estimate.spec.fixed),
         **{name: estimate.settings.get(name) for name in ("preset", "seed")},
         "parameters": _parameters(info, estimate.parameters, estimate.model),
-        "intervals": known and _intervals(info, known, estimate.model),
+        "intervals": uncertainty and _intervals(info, uncertainty, estimate.model),
         "level": estimate.level,
         "outcome": estimate.outcome.name.lower(),
     }  # fmt: skip
@@ -130,19 +130,19 @@ def _described(result: Result) -> dict[str, Any]:
 
 def _window(result: Result, k: int) -> dict[str, Any]:
     """What one of several windows says by itself, where that is known, and the errors there."""
-    segment, estimate, known = result.segments[k], result.estimate, result.posterior
-    own: dict[str, Any] = {"parameters": None, "intervals": None}
+    segment, estimate, posterior = result.segments[k], result.estimate, result.posterior
+    values: dict[str, Any] = {"parameters": None, "intervals": None}
     if estimate.windows is not None:
-        own["parameters"] = _parameters(result.info, estimate.windows[k], estimate.model)
-    if known:
-        ends = _ends(known.windows_lower[k], known.windows_upper[k], estimate.model)
-        own["intervals"] = _of_followers(result.info, ends)
+        values["parameters"] = _parameters(result.info, estimate.windows[k], estimate.model)
+    if posterior:
+        ends = _ends(posterior.windows_lower[k], posterior.windows_upper[k], estimate.model)
+        values["intervals"] = _of_followers(result.info, ends)
     driven = ClosedLoop.of(segment, estimate)
     return {
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
         **fields(estimate, "model", "level"),
-        **own,
+        **values,
         "fit": {
             "closed_loop_mae": _errors(driven.errors),
             "incidents": messages(driven.findings, segment),
@@ -201,16 +201,16 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
         >>> sorted(accpinn.parameter_card(result))[:2]
         ['about', 'attribution']
     """
-    info, estimate, known = snapshot.info, snapshot.estimate, snapshot.posterior
+    info, estimate, posterior = snapshot.info, snapshot.estimate, snapshot.posterior
     return {
         "format": CARD_FORMAT,
         "model": _model(estimate.model),
         "fixed": dict(estimate.spec.fixed),
         "level": estimate.level,
-        "interval_method": known and known.method,
+        "interval_method": posterior and posterior.method,
         "about": about_point(estimate) or None,
         "vehicles": _of_followers(info, [_card(snapshot, k) for k in range(info.followers)]),
-        **({"answer": answer_document(snapshot)} if known else {}),
+        **({"answer": answer_document(snapshot)} if posterior else {}),
         "provenance": {
             **fields(info, "source", "sha256"),
             "windows": [fields(part.window, "start", "duration") for part in snapshot.infos],
@@ -240,10 +240,10 @@ def _model(key: str) -> dict[str, Any]:
 
 
 def _card(snapshot: Result, k: int) -> dict[str, Any]:
-    known, estimate = snapshot.uncertainty, snapshot.estimate
+    uncertainty, estimate = snapshot.uncertainty, snapshot.estimate
     make, model = make_and_model(snapshot.info.names[k + 1])
     sets = {"value": estimate.parameters}
-    sets |= {"low": known.lower, "high": known.upper} if known else {}
+    sets |= {"low": uncertainty.lower, "high": uncertainty.upper} if uncertainty else {}
     return {
         "make": make,
         "model": model,
@@ -252,8 +252,8 @@ def _card(snapshot: Result, k: int) -> dict[str, Any]:
             | {"unit": p.unit}
             for p in estimate.following.parameters
         },
-        "probability_l2_stable": known and float(known.probability_l2[k]),
-        "probability_linf_stable": known and float(known.probability_linf[k]),
+        "probability_l2_stable": uncertainty and float(uncertainty.probability_l2[k]),
+        "probability_linf_stable": uncertainty and float(uncertainty.probability_linf[k]),
     }
 
 
@@ -379,8 +379,8 @@ def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> 
         "model": score.key,
         "title": score.title,
         "parameters": {
-            name: {"value": value, "interval": [low, high], "determined": bool(known)}
-            for name, value, low, high, known in named
+            name: {"value": value, "interval": [low, high], "determined": bool(is_determined)}
+            for name, value, low, high, is_determined in named
         },
         "level": MODEL_LEVEL,
         "gap_rmse": score.rmse.tolist(),
@@ -466,10 +466,10 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
 def notes(result: Result) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the estimate shows."""
     estimate, info = result.estimate, result.info
-    done = [said for part in result.infos for said in messages(part.findings, part)]
+    done = [sentence for part in result.infos for sentence in messages(part.findings, part)]
     if label := about_point(estimate):
         done.append(f"{name_of(estimate)}: {label}.")
-    findings: list[Finding] = [found for q in result.qualities for found in q.findings]
+    findings: list[Finding] = [finding for q in result.qualities for finding in q.findings]
     findings += [*result.findings, *disturbance_sizes(info.vehicles, estimate)]
     findings += result.gain_checks
     return tuple(dict.fromkeys([*done, *messages(findings, info)]))

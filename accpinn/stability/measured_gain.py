@@ -27,9 +27,8 @@ between, and the gain from its answer v̂ to the recorded speed is measured. The
     Ĝ(ω) = |H(jω)| |S_v̂v| / S_v̂v̂
 
 is still measured, as a wrong H cancels, but only the ratio has to be resolved, which is about 1 and
-flat: the peak above is .1 dB too low where H is right, and .7 dB where H is itself 3 dB too low. An
-H that resonates where the car does not is no help; what is not resolved lowers the coherence, so
-the ratio is taken where its coherence is the larger, summed over frequencies.
+flat. An H that resonates where the car does not is no help; what is not resolved lowers the
+coherence, so the ratio is taken where more of the follower's motion is coherent by it.
 
 Sources: Welch, IEEE Trans. Audio Electroacoust. 1967, for the average and n; Bendat and Piersol,
 Random Data, 4th ed. 2010, chapter 9, for H1 and ε; Carter, Proc. IEEE 1987, for the coherence of
@@ -189,23 +188,27 @@ def _measured(
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, step), np.float64)
     inside = (omega > 0) & (omega <= FASTEST)
 
-    def answer_to(pairs: Sequence[FloatArray]) -> tuple[NDArray[np.complex128], FloatArray]:
-        """The response and the coherence."""
+    def answer_to(
+        pairs: Sequence[FloatArray],
+    ) -> tuple[NDArray[np.complex128], FloatArray, float]:
+        """The response, the coherence, and the share of the follower's motion that is coherent."""
         parts = [k * _densities(pair, length) for k, pair in zip(counts, pairs, strict=True)]
         ahead, behind, cross = np.sum(parts, axis=0)[:, inside]
         moving = (ahead.real > 0) & (behind.real > 0)
         answer = cross / np.where(moving, ahead.real, np.inf)
         coherence = np.abs(cross * answer) / np.where(moving, behind.real, np.inf)
-        return answer, np.minimum(coherence, 1.0)
+        coherence = np.minimum(coherence, 1.0)
+        power = np.where(moving, behind.real, 0.0)
+        return answer, coherence, float(coherence @ power / max(power.sum(), 1e-300))
 
-    answer, coherence = answer_to([pair for _, pair in usable])
+    answer, coherence, share = answer_to([pair for _, pair in usable])
     if reference is not None and is_reference(reference):
         passed = [
             np.column_stack([_answer(reference, time, pair[:, 0]), pair[:, 1]])
             for time, pair in usable
         ]
-        ratio, sharper = answer_to(passed)
-        if sharper.sum() > coherence.sum():
+        ratio, sharper, explained = answer_to(passed)
+        if explained > share:
             answer = ratio * response(reference, omega[inside]).prod(axis=0)
             coherence = sharper
     gain, averages = np.abs(answer), sum(_independent(count, length) for count in counts)

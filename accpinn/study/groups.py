@@ -232,21 +232,21 @@ class Groups:
         l2_stable and linf_stable.
         """
         rows = []
-        for part in self.groups:
-            row: dict[str, Any] = dict(zip(self.by, part.values, strict=True))
-            row |= {"windows": part.windows, "vehicles": part.vehicles}
+        for group in self.groups:
+            row: dict[str, Any] = dict(zip(self.by, group.values, strict=True))
+            row |= {"windows": group.windows, "vehicles": group.vehicles}
             row["following_model"] = self.model
-            known: dict[str, Quantity] = {"mean_time_gap": part.mean_time_gap}
+            quantities: dict[str, Quantity] = {"mean_time_gap": group.mean_time_gap}
             for speed in SPEEDS:
-                known[f"time_gap_at_{3.6 * speed:.0f}_kmh_s"] = part.time_gap(speed)
-            known |= {name: part.span(name) for name in part.names}
-            known |= {"margin_l2": part.margin}
-            known |= {"l2_stable": part.l2_stable, "linf_stable": part.linf_stable}
-            for name, of in known.items():
+                quantities[f"time_gap_at_{3.6 * speed:.0f}_kmh_s"] = group.time_gap(speed)
+            quantities |= {name: group.span(name) for name in group.names}
+            quantities |= {"margin_l2": group.margin}
+            quantities |= {"l2_stable": group.l2_stable, "linf_stable": group.linf_stable}
+            for name, of in quantities.items():
                 row |= {name: of.value, f"{name}_low": of.lower, f"{name}_high": of.upper}
             for speed in SPEEDS:
                 key = f"time_gap_at_{3.6 * speed:.0f}_kmh_s_extrapolated"
-                row[key] = not part.is_driven(speed)
+                row[key] = not group.is_driven(speed)
             rows.append(row)
         return pd.DataFrame(rows)
 
@@ -310,7 +310,7 @@ def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> G
     part = rows.drop_duplicates(PLACE)
     part = part.assign(**{name: part[name].fillna("").astype(str) for name in by})
     parts = part.groupby(list(by)) if by else [((), part)] * (len(part) > 0)
-    groups = [_group(key, own, model, level) for key, own in parts]
+    groups = [_group(key, members, model, level) for key, members in parts]
     return Groups(tuple(by), model, level, tuple(groups))
 
 
@@ -325,13 +325,15 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
     platoon = rows[["sha256", "leader", "start", "duration"]].reset_index(drop=True)
     is_again = platoon.duplicated() & (rows["case"] == "I").to_numpy()
     for _, members in who[~is_again].groupby(list(who), sort=False, dropna=False):
-        own = rows.iloc[members.index]
-        known = tuple(raw for drawn in own[POSTERIOR] if (raw := _checked(drawn, model)))
-        if known:
-            medians, durations = own[["median_speed", "duration"]].to_numpy(float).T
+        of_vehicle = rows.iloc[members.index]
+        posteriors = tuple(
+            raw for drawn in of_vehicle[POSTERIOR] if (raw := _checked(drawn, model))
+        )
+        if posteriors:
+            medians, durations = of_vehicle[["median_speed", "duration"]].to_numpy(float).T
             speeds.append(float(np.nan_to_num(median_by_duration(medians[:, None], durations)[0])))
-            cars.append(_car(known, model, speeds[-1]))
-            differing += cars[-1:] if len(known) > 1 else []
+            cars.append(_car(posteriors, model, speeds[-1]))
+            differing += cars[-1:] if len(posteriors) > 1 else []
     return Group(
         values=tuple(map(str, key)),
         windows=len(rows),

@@ -133,29 +133,31 @@ class Result(Displayed):
 
         An estimation that did not converge says so first.
         """
-        found, title = self.estimate, self.estimate.following.title
-        preset = found.settings.get("preset")
+        estimate, title = self.estimate, self.estimate.following.title
+        preset = estimate.settings.get("preset")
         first = f"{repr(self)[1:-1]}: {f'preset {preset}, ' if preset else ''}{title}"
-        is_whole = found.outcome in (Outcome.CONVERGED, Outcome.SOLVED, Outcome.FILTERED)
-        ended = found.outcome.value
+        is_whole = estimate.outcome in (Outcome.CONVERGED, Outcome.SOLVED, Outcome.FILTERED)
+        ended = estimate.outcome.value
         lines = [f"{first}; {ended.partition(':')[0].lower()}"] if is_whole else [ended, first]
-        is_shared, speed = self.info.shares(found.case), found.stated_speed
+        is_shared, speed = self.info.shares(estimate.case), estimate.stated_speed
         labels = ("All followers",) if is_shared else self.info.labels[1:]
         for k, label in enumerate(labels[:FOLLOWERS]):
-            gap = found.time_gap(speed, k)
-            ends = f" ({100 * found.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})" if (
-                found.level
+            gap = estimate.time_gap(speed, k)
+            ends = f" ({100 * estimate.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})" if (
+                estimate.level
             ) else ""  # fmt: skip
-            values = [f"{n} {found.values(found.parameters, n)[k]:.4g}" for n in found.names]
+            values = [
+                f"{n} {estimate.values(estimate.parameters, n)[k]:.4g}" for n in estimate.names
+            ]
             car = f"{gap.value:.2f} s at {3.6 * speed:.0f} km/h{ends}; {', '.join(values)}"
             lines.append(f"{label}: {car}. {self.trust[k].in_words}")
         if (more := len(labels) - FOLLOWERS) > 0:
             lines.append(f"and {more} more follower{'s' * (more > 1)}: .to_frame()")
-        if not found.posterior:
+        if not estimate.posterior:
             lines.append("A point, without intervals; the default method has them.")
-        said = [*dict.fromkeys(finding.sentence(self.info) for finding in self.warnings)]
-        lines += said[:WARNINGS]
-        if (more := len(said) - WARNINGS) > 0:
+        warnings = [*dict.fromkeys(finding.sentence(self.info) for finding in self.warnings)]
+        lines += warnings[:WARNINGS]
+        if (more := len(warnings) - WARNINGS) > 0:
             lines.append(f"and {more} more warning{'s' * (more > 1)}: .warnings")
         return "\n".join([*lines, "More: .to_frame(), .posterior, .stability, .evaluation"])
 
@@ -214,26 +216,28 @@ class Result(Displayed):
     @cached_property
     def uncertainty(self) -> Uncertainty | None:
         """Intervals, probabilities and bands that follow from the posterior; None for a point."""
-        known = self.posterior
-        return from_draws(self.parameters, known.typical, known.level) if known else None
+        posterior = self.posterior
+        return (
+            from_draws(self.parameters, posterior.typical, posterior.level) if posterior else None
+        )
 
     @cached_property
     def trust(self) -> tuple[Trust, ...]:
         """What the windows say of each follower's estimate; one where all followers share it."""
-        found, followers = self.estimate, range(self.info.followers)
-        is_shared = self.info.shares(found.case)
+        estimate, followers = self.estimate, range(self.info.followers)
+        is_shared = self.info.shares(estimate.case)
         rows = [tuple(followers)] if is_shared else [(k,) for k in followers]
         numbers = (0,) if is_shared else self.info.vehicles[1:]
-        own = found.windows
+        windows = estimate.windows
         return tuple(
             trust(
                 self.segments,
                 number,
                 row,
-                found.model,
-                found.parameters[row[0]],
-                None if own is None else own[:, row[0]],
-                found.stated_speed,
+                estimate.model,
+                estimate.parameters[row[0]],
+                None if windows is None else windows[:, row[0]],
+                estimate.stated_speed,
             )
             for number, row in zip(numbers, rows, strict=True)
         )
@@ -347,37 +351,40 @@ class Result(Displayed):
         except ImportError:
             raise ConfigError(NO_XARRAY) from None
 
-        found, known, asked = self.estimate, self._known_posterior, self.analysis
+        estimate, posterior, analysis = self.estimate, self._known_posterior, self.analysis
         names = {"vehicle_name": ("vehicle", list(self.info.names[1:]))}
         along = {"chain": [0], "vehicle": list(self.info.vehicles[1:]), **names}
-        units = {p.name: p.unit for p in found.following.parameters}
+        units = {p.name: p.unit for p in estimate.following.parameters}
 
         def dataset(sets: Parameters, **windows: Any) -> Any:
             """Sets (draw, .., vehicle) by their names."""
-            values = {name: (found.values(sets, name), units[name]) for name in found.names}
-            values["time_gap_100_kmh"] = (time_gap(found.model, sets, AT_SPEED), "s")
+            values = {name: (estimate.values(sets, name), units[name]) for name in estimate.names}
+            values["time_gap_100_kmh"] = (time_gap(estimate.model, sets, AT_SPEED), "s")
             dims = ("chain", "draw", *windows, "vehicle")
             variables = {
                 name: (dims, drawn[None], {"units": unit}) for name, (drawn, unit) in values.items()
             }
             return xarray.Dataset(variables, along | windows)
 
-        kind = METHODS[asked.method].posterior(asked.settings)
+        kind = METHODS[analysis.method].posterior(analysis.settings)
         assert kind is not None  # as there is a posterior
-        groups = {"posterior": dataset(known.typical), "further_window": dataset(known.further)}
-        windows = [window_posterior(s, asked.case, asked.spec, kind) for s in self.segments]
+        groups = {
+            "posterior": dataset(posterior.typical),
+            "further_window": dataset(posterior.further),
+        }
+        windows = [window_posterior(s, analysis.case, analysis.spec, kind) for s in self.segments]
         starts = [segment.window.start for segment in self.segments]
         drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
-        space = coordinates_of(found.model)
-        sets = space.parameters(np.moveaxis(drawn, 2, 0), found.speeds)
+        space = coordinates_of(estimate.model)
+        sets = space.parameters(np.moveaxis(drawn, 2, 0), estimate.speeds)
         groups["window_posterior"] = dataset(sets, window=starts)
         log = np.moveaxis(np.array([window.log_likelihood for window in windows]), 2, 0)[None]
         likelihood = {"speeds_and_gaps": (("chain", "draw", "window", "vehicle"), log)}
         groups["window_log_likelihood"] = xarray.Dataset(likelihood, along | {"window": starts})
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs = {
-            "model": found.model,
-            "case": asked.case,
+            "model": estimate.model,
+            "case": analysis.case,
             "source": self.info.source,
             "sha256": self.info.sha256,
             "accpinn": self.origin.accpinn,
@@ -409,6 +416,18 @@ class Result(Displayed):
         except ParameterError:
             return None
 
+    @property
+    def assessed_speeds(self) -> FloatArray:
+        """(M,) speeds in m/s at which margins are stated.
+
+        It is that at which the estimate states its time gaps, and under a model that is no CTHP
+        each follower's median speed, at which it is linearised.
+        """
+        estimate = self.estimate
+        if not estimate.following.is_linear:
+            return estimate.speeds
+        return np.full(self.info.followers, estimate.stated_speed)
+
     @checked_method
     def margin(self, speed: float | None = None) -> Margins:
         """How much time gap separates each follower, and the platoon, from string stability.
@@ -427,22 +446,20 @@ class Result(Displayed):
             >>> result.margin(25.0).to_frame().state_l2.tolist()
             ['too_short', 'too_short']
         """
-        found, known = self.estimate, self.uncertainty
-        model, parameters = found.following, self.parameters
-        draws = known.draws if known else None
+        estimate, uncertainty = self.estimate, self.uncertainty
+        model, parameters = estimate.following, self.parameters
+        draws = uncertainty.draws if uncertainty else None
         if speed is not None and not (np.isfinite(speed) and speed > 0):
             raise ParameterError(f"speed: {speed:g} m/s is not allowed; choose one above zero.")
-        at: Any = found.stated_speed if speed is None else speed
-        if not model.is_linear and speed is None:
-            at = found.speeds
-        elif not model.is_linear:
+        if speed is not None and not model.is_linear:
             for row in parameters.nonlinear:
-                model.linearised(row, at)
-            parameters = model.linearisations(parameters.nonlinear.T, at)
-            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), at)
-        level = known.level if known else LEVEL
-        about = self.info
-        return margins(parameters, at, draws, level, about.names[1:], about.vehicles[1:])
+                model.linearised(row, speed)
+            parameters = model.linearisations(parameters.nonlinear.T, speed)
+            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), speed)
+        at: Any = self.assessed_speeds if speed is None else speed
+        level = uncertainty.level if uncertainty else LEVEL
+        info = self.info
+        return margins(parameters, at, draws, level, info.names[1:], info.vehicles[1:])
 
     @checked_method
     def what_if(
@@ -535,7 +552,7 @@ class Result(Displayed):
         """
         from pandas import DataFrame
 
-        found = self.estimate
+        estimate = self.estimate
         check_level(level)
         rows = []
         for k, (vehicle, name) in enumerate(
@@ -544,18 +561,18 @@ class Result(Displayed):
             row: dict[str, Any] = {
                 "vehicle": vehicle,
                 "name": name,
-                "method": found.method,
-                "preset": found.settings.get("preset"),
-                "model": found.model,
-                "outcome": found.outcome.name.lower(),
+                "method": estimate.method,
+                "preset": estimate.settings.get("preset"),
+                "model": estimate.model,
+                "outcome": estimate.outcome.name.lower(),
             }
             for speed in SPEEDS:
                 key = f"time_gap_at_{3.6 * speed:.0f}_kmh_s"
-                row |= _with_ends(key, found.time_gap(speed, k, level))
-                row[f"{key}_extrapolated"] = not found.is_driven(speed, k)
-            for parameter in found.names:
-                row |= _with_ends(parameter, found.span(parameter, k, level))
-                row[f"{parameter}_determined"] = found.is_determined(parameter, k)
+                row |= _with_ends(key, estimate.time_gap(speed, k, level))
+                row[f"{key}_extrapolated"] = not estimate.is_driven(speed, k)
+            for parameter in estimate.names:
+                row |= _with_ends(parameter, estimate.span(parameter, k, level))
+                row[f"{parameter}_determined"] = estimate.is_determined(parameter, k)
             rows.append(row)
         return DataFrame(rows)
 
@@ -613,11 +630,11 @@ class Result(Displayed):
 
     def with_holdout(self, context: TaskContext | None = None) -> Self:
         """The same, with errors on parts of the data that the method did not see."""
-        asked = self.analysis
-        method, config = METHODS[asked.method], asked.config
+        analysis = self.analysis
+        method, config = METHODS[analysis.method], analysis.config
 
         def estimated(segments: tuple[Segment, ...]) -> Estimate:
-            return method.fit(segments, asked.case, config, context, asked.spec)
+            return method.fit(segments, analysis.case, config, context, analysis.spec)
 
         return replace(self, blocks=cross_validate(self.segments, estimated))
 
@@ -631,14 +648,14 @@ class Result(Displayed):
         """
         if self.analysis.source.sha256 != recording.sha256:
             digest = self.analysis.source.sha256
-            said = f" with the SHA-256 {digest}" if digest else ""
+            named = f" with the SHA-256 {digest}" if digest else ""
             raise SegmentError(
                 "This is not the recording the result was learned from; that is"
-                f" {self.info.source}{said}."
+                f" {self.info.source}{named}."
             )
         segments = self.analysis.segments(recording)
-        kept = [info.digest for info in self.infos]
-        if [segment.info.digest for segment in segments] != kept:
+        digests = [info.digest for info in self.infos]
+        if [segment.info.digest for segment in segments] != digests:
             raise SegmentError(
                 "The recording is the same, but the window cut from it differs, as if bridged or"
                 " resampled in another way."

@@ -156,15 +156,15 @@ class Study:
 
     def known_file(self, sha256: str) -> KnownFile | None:
         """What was read of a file with these bytes; None where it was not read yet."""
-        asked = "select document from files where sha256 = ?"
+        query = "select document from files where sha256 = ?"
         with self._writing() as database:
-            row = database.execute(asked, (sha256,)).fetchone()
+            row = database.execute(query, (sha256,)).fetchone()
             return msgspec.json.decode(row[0], type=KnownFile) if row else None
 
-    def add_file(self, sha256: str, known: KnownFile) -> None:
+    def add_file(self, sha256: str, file: KnownFile) -> None:
         """Keep what was read of a file, by the SHA-256 of its bytes."""
         with self._writing() as database:
-            values = (sha256, _document(known))
+            values = (sha256, _document(file))
             database.execute("insert or replace into files values (?, ?)", values)
 
     def refuse(self, path: Path, reasons: Sequence[str]) -> None:
@@ -175,12 +175,12 @@ class Study:
             database.execute("delete from refused where path = ?", (shown,))
             database.executemany("insert into refused values (?, ?, ?)", values)
 
-    def has_namesake(self, name: str, known: KnownFile) -> bool:
+    def has_namesake(self, name: str, file: KnownFile) -> bool:
         """Whether there are answers from other contents of a file with that name."""
-        own = {window.source.sha256 for window in known.windows}
+        digests = {window.source.sha256 for window in file.windows}
         with self._writing() as database:
-            asked = "select distinct sha256 from answers where file = ?"
-            return any(sha256 not in own for (sha256,) in database.execute(asked, (name,)))
+            query = "select distinct sha256 from answers where file = ?"
+            return any(sha256 not in digests for (sha256,) in database.execute(query, (name,)))
 
     def rows_of(self, analysis: Analysis) -> int | None:
         """How many rows the answer to an analysis has.
@@ -188,12 +188,12 @@ class Study:
         Returns:
             0 where it failed in a way that would come again, None where it is to be run.
         """
-        asked = (
+        query = (
             "select json_array_length(rows) from answers where sha256 = ? and start = ?"
             " and leader = ? and method = ? and key = ? and is_final"
         )
         with self._writing() as database:
-            row = database.execute(asked, (*_place(analysis), analysis.key)).fetchone()
+            row = database.execute(query, (*_place(analysis), analysis.key)).fetchone()
             return int(row[0]) if row else None
 
     def add(self, file: str, computed: Computed) -> None:
@@ -212,9 +212,15 @@ class Study:
             places = ", ".join("?" * len(values))
             database.execute(f"insert or replace into answers values ({places})", values)
             for vehicle, draws in zip(followers, drawn, strict=False):
-                own = (*place[:2], vehicle, place[-1], analysis.spec.model, draws.tobytes())
-                asked = "insert or replace into posteriors values (?, ?, ?, ?, ?, ?)"
-                database.execute(asked, own)
+                posterior_row = (
+                    *place[:2],
+                    vehicle,
+                    place[-1],
+                    analysis.spec.model,
+                    draws.tobytes(),
+                )
+                query = "insert or replace into posteriors values (?, ?, ?, ?, ?, ?)"
+                database.execute(query, posterior_row)
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
@@ -262,9 +268,9 @@ def written(folder: Path, request: Request) -> Iterator[Study]:
             database = stack.enter_context(_connected(folder))
             database.execute("pragma journal_mode = wal")
             database.execute("pragma synchronous = normal")
-        kept = read_request(folder)
-        if kept and _shared(kept) != _shared(request):
-            window, case, model = _shared(kept)
+        earlier = read_request(folder)
+        if earlier and _shared(earlier) != _shared(request):
+            window, case, model = _shared(earlier)
             raise ConfigError(
                 f"{folder}: it holds a batch with window {window}, Case {case} and model {model};"
                 " ask for the same, or take another folder."
@@ -336,9 +342,9 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
     Raises:
         StudyError: where there is no study, or it is damaged.
     """
-    asked = "select rows from answers order by file, sha256, start, leader, method"
+    query = "select rows from answers order by file, sha256, start, leader, method"
     with _read(folder) as database:
-        for (document,) in database.execute(asked):
+        for (document,) in database.execute(query):
             yield from map(msgspec.structs.asdict, _read_rows(document))
 
 
@@ -347,26 +353,26 @@ def read_posteriors(folder: Path, model: str) -> dict[tuple[str, Seconds, int], 
 
     Where several methods have some, they are those of the model's recommended method.
     """
-    asked = (
+    query = (
         "select sha256, start, vehicle, draws from posteriors where model = ? order by method = ?"
     )
     width, last = coordinates_of(model).count, recommended_method(model)
     with _read(folder) as database:
         return {
             (sha256, start, vehicle): np.frombuffer(raw, "<f8").reshape(-1, width)
-            for sha256, start, vehicle, raw in database.execute(asked, (model, last))
+            for sha256, start, vehicle, raw in database.execute(query, (model, last))
         }
 
 
 def read_failures(folder: Path) -> tuple[Failure, ...]:
     """What has no result, in the order of files; see `read_rows`."""
-    asked = (
+    query = (
         "select file, null as start, null as vehicle, reason from refused union all"
         " select file, start, vehicle, reason from answers where reason is not null"
         " order by file, start, vehicle, reason"
     )
     with _read(folder) as database:
-        return tuple(msgspec.convert(row, Failure) for row in database.execute(asked))
+        return tuple(msgspec.convert(row, Failure) for row in database.execute(query))
 
 
 def read_request(folder: Path) -> Request | None:

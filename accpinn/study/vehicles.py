@@ -173,14 +173,11 @@ class AssessedVehicles:
 
         It is that of `Result.margin` where the vehicles are those of one estimate.
         """
-        known, vehicles, found = self.uncertainty, self.vehicles, self.result
+        vehicles, uncertainty = self.vehicles, self.uncertainty
         at: MetresPerSecond | FloatArray = self.speed or self.median_speed
-        if self.speed is None and found:
-            is_linear = found.estimate.following.is_linear
-            at = (
-                found.estimate.stated_speed if is_linear else found.estimate.speeds[: len(vehicles)]
-            )
-        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        if self.speed is None and self.result:
+            at = self.result.assessed_speeds[: len(vehicles)]
+        draws, level = (uncertainty.draws, uncertainty.level) if uncertainty else (None, LEVEL)
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )
@@ -214,8 +211,8 @@ class AssessedVehicles:
     @property
     def l2_margins(self) -> tuple[NormMargin, ...]:
         """(M,) those of `margins` by L₂, which take a tenth of the time."""
-        known = self.uncertainty
-        draws, level = (known.draws, known.level) if known else (None, LEVEL)
+        drawn = self.uncertainty
+        draws, level = (drawn.draws, drawn.level) if drawn else (None, LEVEL)
         return l2_margins(self.vehicles.parameters, draws, level)
 
     @property
@@ -317,20 +314,22 @@ class AssessedVehicles:
         Raises:
             ParameterError: where a vehicle has no equilibrium there.
         """
-        vehicles, known = self.vehicles, self.uncertainty
+        vehicles, uncertainty = self.vehicles, self.uncertainty
         model, theta = FOLLOWING[vehicles.model], vehicles.parameters.nonlinear
         for row in theta:
             model.linearised(row, speed)
         there = replace(vehicles, parameters=model.linearisations(theta.T, speed))
-        if known:
-            drawn = model.linearisations(np.moveaxis(known.draws.nonlinear, -1, 0), speed)
+        if uncertainty:
+            drawn = model.linearisations(np.moveaxis(uncertainty.draws.nonlinear, -1, 0), speed)
             every = drawn.everything.copy()
             for k in range(every.shape[1]):  # a vehicle has an equilibrium where its estimate has
-                kept = np.isfinite(every[:, k]).all(axis=1)
-                if kept.any():
-                    every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
-            known = from_draws(there.parameters, Parameters.of(every), known.level)
-        return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
+                is_complete = np.isfinite(every[:, k]).all(axis=1)
+                if is_complete.any():
+                    every[~is_complete, k] = np.resize(
+                        every[is_complete, k], ((~is_complete).sum(), every.shape[2])
+                    )
+            uncertainty = from_draws(there.parameters, Parameters.of(every), uncertainty.level)
+        return replace(self, vehicles=there, uncertainty=uncertainty, checks=(), speed=speed)
 
 
 def _stability_of(parameters: Parameters) -> VehicleStability | None:

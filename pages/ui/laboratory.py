@@ -45,9 +45,10 @@ def show_laboratory(workspace: Workspace, source: AssessedVehicles) -> AssessedV
         The vehicles as charts show them: without uncertainty where the user wants to see none.
     """
     shown = source
-    with st.container(horizontal=True, vertical_alignment="center"):
-        sentence = escape_markdown(words.most_amplifying(source))
-        st.markdown(f"##### {sentence}", width="stretch")
+    # A long sentence breaks beside the toggle instead of pushing it below.
+    headline, choice = st.columns((6, 1), vertical_alignment="center")
+    headline.markdown(f"##### {escape_markdown(words.most_amplifying(source))}")
+    with choice:
         if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the response and of the model beside the measured gain, and posterior"

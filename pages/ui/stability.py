@@ -129,7 +129,7 @@ def _show_bode_notes(source: AssessedVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points: measured gain and band, faint where not compared." * bool(measured)
+        + " Points: measured gain, faint where not compared." * bool(measured)
         + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )
@@ -198,7 +198,7 @@ def _show_criteria(source: AssessedVehicles) -> None:
     st.caption(words.CRITERIA)
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(source), "stability_criteria")
-    table = tables.known_table(source)
+    table = tables.assessment_table(source)
     show.table(tables.criteria_part(table), figures.colours(chosen))
     posterior = (
         " In brackets: intervals from posterior samples of a model with disturbances that last for"

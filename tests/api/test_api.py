@@ -1,3 +1,5 @@
+"""Documents print what they say; the package as it is installed has all that it needs."""
+
 import json
 import os
 import re

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn import Parameters
 from accpinn.inference.coordinates import time_gap_coordinates
-from accpinn.inference.posterior import _log_posterior
+from accpinn.inference.posterior import log_posterior
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import coordinates
@@ -47,7 +47,7 @@ def test_the_density_of_a_window_is_likelihood_and_prior_as_written_down(model: 
     phi = time_gap_coordinates(model).of_unknowns(z)
     x = np.concatenate([phi[:, :3], z[:, 3:]], axis=1)
     expected = log_density_of_window(model, series.measured[..., 0], series.step)(x)
-    densities = _log_posterior(Criterion(series, ModelSpec(model)), z, np.zeros(30, int))
+    densities = log_posterior(Criterion(series, ModelSpec(model)), z, np.zeros(30, int))
     volume = z[:, 1] - z[:, 0] - phi[:, 2]  # dx/dz = τ/G
     np.testing.assert_allclose(np.ptp(sum(densities) - volume - expected), 0.0, atol=1e-5)
 

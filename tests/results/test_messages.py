@@ -347,7 +347,7 @@ def test_facts_of_the_data_are_terms_and_descriptions() -> None:
 def test_what_parameters_mean_is_said_with_their_intervals_where_the_model_has_words() -> None:
     span = Quantity(2.0, 1.55, 11.2)
     values = {p.name: SimpleNamespace(span=span) for p in FOLLOWING["unequal-delay"].parameters}
-    of_car: Any = SimpleNamespace(known=(None, values))
+    of_car: Any = SimpleNamespace(values=SimpleNamespace(parameters=values))
     said = on_estimate.meaning_of("unequal-delay", of_car)
     assert "2.0 (1.6 to 11) times" in said
     assert not on_estimate.meaning_of("cthp", of_car)

@@ -243,7 +243,7 @@ def require_memory(
     Raises:
         SegmentError: naming the longest window that can be trained on, or how many are too many.
     """
-    needs = [_bytes_needed(s, s.window.duration, config, model) for s in segments]
+    needs = [bytes_needed(s, s.window.duration, config, model) for s in segments]
     # The networks of `calibrated` are drawn one after the other.
     needed = max(needs) if config.preset == "calibrated" else sum(needs)
     if needed <= MOST_BYTES:
@@ -257,7 +257,7 @@ def require_memory(
     duration = largest.window.duration
     shorter = range(10, int(duration), 10)
     fitting = bisect_right(
-        shorter, MOST_BYTES, key=lambda lasts: _bytes_needed(largest, lasts, config, model)
+        shorter, MOST_BYTES, key=lambda lasts: bytes_needed(largest, lasts, config, model)
     )
     raise SegmentError(
         f"{largest.source}: a window of {duration:,.0f} s would take {max(needs) / 1e9:,.1f} GB of"
@@ -265,7 +265,7 @@ def require_memory(
     )
 
 
-def _bytes_needed(segment: Segment, duration: Seconds, config: PinnConfig, model: str) -> float:
+def bytes_needed(segment: Segment, duration: Seconds, config: PinnConfig, model: str) -> float:
     """The peak of a training on a segment like this one, of another duration."""
     samples = duration / segment.sample_time + 1
     is_late = FOLLOWING[model].is_late

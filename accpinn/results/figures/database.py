@@ -297,5 +297,5 @@ def beyond(figure: go.Figure) -> int:
 
 
 def _end(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return 1.12 * float(np.quantile(known, INSIDE)) if len(known) and known.max() > 0 else 1.0
+    finite = values[np.isfinite(values)]
+    return 1.12 * float(np.quantile(finite, INSIDE)) if len(finite) and finite.max() > 0 else 1.0

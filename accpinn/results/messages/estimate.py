@@ -97,9 +97,9 @@ def _card(description: Description, followers: Sequence[FollowerDescription]) ->
     if followers[0].stability.l2.assessment != "not determined":
         lead.append(becomes(subject, places, "they" if are_several else "it", are_several))
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
-    said, doubted = " ".join((*against, trust)), " ".join(against)
-    doubted = said if trusts[0].is_contradicted else doubted
-    return Card(joined(labels), " ".join(lead), said, doubted, tuple(places))
+    whole, doubted = " ".join((*against, trust)), " ".join(against)
+    doubted = whole if trusts[0].is_contradicted else doubted
+    return Card(joined(labels), " ".join(lead), whole, doubted, tuple(places))
 
 
 def contradictions(result: Result | None, places: Collection[int] | None = None) -> tuple[str, ...]:
@@ -122,14 +122,14 @@ def about_estimate(description: Description) -> str:
     gap = f", {'τ + s₀/v' if 's0' in model.names else 'τ'}" if model.is_linear else ""
     low, high = (f"{3.6 * end:.0f}" for end in (speeds.min(), speeds.max()))
     median = low if low == high else f"{low} to {high}"
-    said = (
+    about = (
         f"{model.equation}, with gap p, speed v, and Δv = speed ahead − v."
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h."
     )
     if level is None:
-        return f"{said} {capital(about_point(estimate))}."
+        return f"{about} {capital(about_point(estimate))}."
     return (
-        f"{said} In brackets: the {percent(level)} interval of the vehicle's typical"
+        f"{about} In brackets: the {percent(level)} interval of the vehicle's typical"
         " value; last column: where the time gap of one more window lies. Intervals include"
         " variation between drives; poorly determined parameters are shrunk towards other cars."
     )
@@ -137,11 +137,11 @@ def about_estimate(description: Description) -> str:
 
 def initial_in_words(model: str, parameters: Parameters) -> str:
     """The values at which a search begins, those of the first follower."""
-    said = []
+    values_in_words = []
     for name, column in columns_of(model).items():
         value = float(value_of(model, parameters, name)[0])
-        said.append(f"{column.title} = {value:.3g} {column.unit}".rstrip())
-    return f"Initial values: {', '.join(said)}."
+        values_in_words.append(f"{column.title} = {value:.3g} {column.unit}".rstrip())
+    return f"Initial values: {', '.join(values_in_words)}."
 
 
 def true_model(truth: Parameters) -> str:
@@ -155,15 +155,15 @@ def about_truth(truth: Parameters, estimate: Estimate) -> str:
     model, speed = true_model(truth), estimate.stated_speed
     if not model:
         return ""
-    said = []
+    values_in_words = []
     if model != PAPER:
         gaps = [f"{gap:.2f}" for gap in truth.time_gap(speed).tolist()]
-        said = [f"time gap {joined(gaps)} s at {3.6 * speed:.0f} km/h"]
+        values_in_words = [f"time gap {joined(gaps)} s at {3.6 * speed:.0f} km/h"]
     for name, column in columns_of(model).items():
         values = (f"{v:.{column.digits}f}" for v in value_of(model, truth, name).tolist())
-        said.append(f"{column.title} {joined([*values])} {column.unit}")
+        values_in_words.append(f"{column.title} {joined([*values])} {column.unit}")
     none = ", without s₀, lag or delay" if model == PAPER else ""
-    return f"True values: made with the {TITLES[model]}{none}: {'; '.join(said)}."
+    return f"True values: made with the {TITLES[model]}{none}: {'; '.join(values_in_words)}."
 
 
 def time_gap_in_words(gap: Quantity, speed: MetresPerSecond, level: float | None = None) -> str:
@@ -193,12 +193,12 @@ def _headline(
     are_all = len(labels) == len(description.followers)
     named = capital(all_of(len(labels), "followers")) if are_all else joined(labels)
     least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
-    kept = least if least == most else f"{least}–{most}"
+    gap_in_words = least if least == most else f"{least}–{most}"
     if level is None:
-        return f"{named} keep {kept} s at {3.6 * speed:.0f} km/h."
+        return f"{named} keep {gap_in_words} s at {3.6 * speed:.0f} km/h."
     off = max(max(gap.upper - gap.value, gap.value - gap.lower) / gap.value for gap in gaps)
     return (
-        f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each ±{ceil(100 * off)} %"
+        f"{named} keep {gap_in_words} s at {3.6 * speed:.0f} km/h, each ±{ceil(100 * off)} %"
         f" ({percent(level)} intervals)."
     )
 

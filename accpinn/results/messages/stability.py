@@ -64,10 +64,8 @@ FOLD, LEAST_GROWTH = 2.0, 0.005
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return (
-        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
-        f" paper's L∞ criterion.{band}"
-    )
+    marks = "Diamonds: peaks. Rings: ends of amplified frequencies. Bars: the paper's L∞ limits."
+    return f"{marks}{band}"
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
@@ -77,8 +75,8 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
         if len(chosen) > 1
         else ""
     )
-    kept = chosen.parameters[held]
-    late = " lag and delay included," if kept.lag or kept.delay else ""
+    parameters = chosen.parameters[held]
+    late = " lag and delay included," if parameters.lag or parameters.delay else ""
     return (
         f"Boundaries at {chosen.labels[held]}'s {parameter},{late} stable in the green."
         f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"
@@ -90,12 +88,12 @@ def most_needed(subject: AssessedVehicles) -> str:
 
     By L₂, as the verdict above the pages' pictures.
     """
-    found, spoken = subject.l2_margins, subject.vehicles.spoken
-    judged = [k for k, margin in enumerate(found) if not isnan(margin.distance.value)]
+    margins, spoken = subject.l2_margins, subject.vehicles.spoken
+    judged = [k for k, margin in enumerate(margins) if not isnan(margin.distance.value)]
     if not judged:
         return "The data do not determine the margins."
-    worst = min(judged, key=lambda k: found[k].distance.value)
-    margin, name = found[worst], spoken[worst]
+    worst = min(judged, key=lambda k: margins[k].distance.value)
+    margin, name = margins[worst], spoken[worst]
     value = margin.distance.value
     if margin.state is State.NEVER:
         return f"No time gap makes {name} L₂ string stable."
@@ -127,7 +125,7 @@ def next_to_stable(subject: AssessedVehicles) -> str:
         return ""
     most = min(lacking, key=lambda k: lacking[k].distance.value)
     who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
-    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more time gap')} to be string stable."
+    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more')} for string stability."
     return capital(said)
 
 
@@ -143,15 +141,16 @@ def margin_in_words(margin: NormMargin) -> str:
 
 def _gap(distance: Quantity, sign: int, word: str = "") -> str:
     """A margin as a positive time in s, with its interval; the word stands before that."""
-    said = f"{sign * distance.value:.2f} s {word}".rstrip()
+    gap = f"{sign * distance.value:.2f} s {word}".rstrip()
     low, high = sorted((sign * distance.lower, sign * distance.upper))
     if isnan(low) or (isinf(low) and isinf(high)):
-        return said
+        return gap
     if isinf(low):
         within = f"up to {high:.2f}"
     else:
-        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f} to {high:.2f}"
-    return f"{said} ({within})".replace("-", "−")
+        between = "–" if low >= 0 else " to "
+        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f}{between}{high:.2f}"
+    return f"{gap} ({within})".replace("-", "−")
 
 
 def about_margin(subject: AssessedVehicles) -> str:
@@ -207,8 +206,11 @@ POLES = (
 def reasons(subject: AssessedVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
     """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
     verdicts = [
-        (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
-        for label, own in zip(subject.vehicles.labels, subject.report.vehicles, strict=True)
+        (
+            label,
+            [(v, reason(v, vehicle)) for v in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)],
+        )
+        for label, vehicle in zip(subject.vehicles.labels, subject.report.vehicles, strict=True)
     ]
     return [*verdicts, ("The platoon", platoon_reasons(subject))] if len(verdicts) > 1 else verdicts
 
@@ -376,16 +378,16 @@ def grown(gain: float, ends: Quantity | None = None, level: float | None = None)
     ends = None if ends is None or isnan(ends.lower) else ends
     parts = gain, *((ends.lower, ends.upper) if ends else ())
     if gain < FOLD:
-        most, *known = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
-        said, unit = f"by up to {most} %", " %"
+        most, *interval = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
+        growth, unit = f"by up to {most} %", " %"
     else:
-        most, *known = (f"{part:.1f}" if ends else three(part) for part in parts)
-        said, unit = f"up to {most}-fold", ""
-    if not known:
-        return said
-    low, high = known
+        most, *interval = (f"{part:.1f}" if ends else three(part) for part in parts)
+        growth, unit = f"up to {most}-fold", ""
+    if not interval:
+        return growth
+    low, high = interval
     within = f"{low}{unit} or more" if high == "inf" else f"{low}–{high}{unit}"
-    return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
+    return f"{growth} ({percent(level) + ' interval ' if level else ''}{within})"
 
 
 def three(value: float) -> str:
@@ -399,16 +401,20 @@ def headline(subject: AssessedVehicles) -> str:
     A verdict that the measured gain contradicts is called the model's.
     """
     against = (objection.sentence for objection in against_model(subject))
-    said = (*_verdicts(subject), *against, not_acc(subject.vehicles))
-    return " ".join(filter(None, said))
+    sentences = (*_verdicts(subject), *against, not_acc(subject.vehicles))
+    return " ".join(filter(None, sentences))
 
 
 def behind_verdict(subject: AssessedVehicles) -> str:
     """Probabilities of the verdict, what the measured gain has against it, and who drives."""
-    known, chosen = subject.uncertainty, subject.vehicles
+    uncertainty, chosen = subject.uncertainty, subject.vehicles
     against = (objection.sentence for objection in against_model(subject))
-    said = (probabilities(chosen, known) if known else "", *against, not_acc(chosen))
-    return " ".join(filter(None, said))
+    sentences = (
+        probabilities(chosen, uncertainty) if uncertainty else "",
+        *against,
+        not_acc(chosen),
+    )
+    return " ".join(filter(None, sentences))
 
 
 def _verdicts(subject: AssessedVehicles) -> Iterator[str]:
@@ -443,17 +449,17 @@ def most_amplifying(subject: AssessedVehicles) -> str:
     if not amplifying:
         whole = f"{all_of(count, 'vehicles')} damp" if count > 1 else f"{spoken[0]} damps"
         part = f"{joined([spoken[k] for k in judged])} {'damp' if len(judged) > 1 else 'damps'}"
-        said = f"{whole if len(judged) == count else part} disturbances at every frequency."
+        sentence = f"{whole if len(judged) == count else part} disturbances at every frequency."
     elif assessed[most] == "undecided":
-        said = f"{spoken[most]} may amplify disturbances: {by}."
+        sentence = f"{spoken[most]} may amplify disturbances: {by}."
     elif count == 1:
-        said = f"{spoken[most]} amplifies {by}."
+        sentence = f"{spoken[most]} amplifies {by}."
     elif all(kind == "unstable" for kind in assessed):
-        said = f"{all_of(count, 'vehicles')} amplify, {spoken[most]} most: {by}."
+        sentence = f"{all_of(count, 'vehicles')} amplify, {spoken[most]} most: {by}."
     else:
-        said = f"{spoken[most]} amplifies most: {by}."
+        sentence = f"{spoken[most]} amplifies most: {by}."
     against = _is_contradicted(subject, [most] if amplifying else judged)
-    return f"By the model, {said}" if against else capital(said)
+    return f"By the model, {sentence}" if against else capital(sentence)
 
 
 def _is_contradicted(subject: AssessedVehicles, places: Sequence[int]) -> bool:
@@ -478,12 +484,12 @@ def largest(growth: PeakGrowth, level: float | None = None, has_frequency: bool 
     The level of its interval is said where it is given.
     """
     has_ends = not isnan(growth.gain.lower)
-    said = grown(growth.gain.value, growth.gain if has_ends else None, level)
+    words = grown(growth.gain.value, growth.gain if has_ends else None, level)
     at = f" at {three(growth.omega)} rad/s" if has_frequency and growth.omega > 0 else ""
     if not growth.is_measured:
-        return f"{said}{at}"
+        return f"{words}{at}"
     model = f"{growth.model:.1f}-fold" if growth.gain.value >= FOLD else percent(growth.model - 1.0)
-    return f"{said}{at}, measured ({model} by the model)"
+    return f"{words}{at}, measured ({model} by the model)"
 
 
 def explained(subject: AssessedVehicles) -> str:
@@ -513,17 +519,17 @@ def becomes(
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
     """
-    known, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
+    uncertainty, kind, peaks = subject.uncertainty, subject.assessed[alike[0]].l2.assessment, {}
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     against = _is_contradicted(subject, alike)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
     has_odds = is_headline or kind == "undecided"
-    odds = _odds(known.probability_l2[alike]) if known and has_odds else ""
+    odds = _odds(uncertainty.probability_l2[alike]) if uncertainty and has_odds else ""
     if kind == "not determined":
         return f"Not determined by the data: {named}."
     if kind != "unstable":
         return f"{start}{odds}."
-    level = known.level if known and is_headline else None
+    level = uncertainty.level if uncertainty and is_headline else None
     for k in alike:
         peak = subject.growths[k]
         peaks[k] = peak.gain.value, largest(peak, level, has_frequency=is_headline)
@@ -550,9 +556,9 @@ def not_acc(chosen: ParameterSet, places: Iterable[int] | None = None) -> str:
     parts = [f"{label} for {percent(share)}" for label, share in pairs if 0 < share <= ALL_OF_IT]
     if whole and len(whole) == len(pairs):
         return "Driven by hand, not by ACC."
-    said = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
-    said += [f"Driven by hand {joined(parts)} of the time."] if parts else []
-    return " ".join(said)
+    sentences = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
+    sentences += [f"Driven by hand {joined(parts)} of the time."] if parts else []
+    return " ".join(sentences)
 
 
 def _odds(stable: FloatArray) -> str:
@@ -561,11 +567,11 @@ def _odds(stable: FloatArray) -> str:
     if isnan(low):
         return ""
     ends = [*dict.fromkeys((probability(low), probability(high)))]
-    said = " to ".join(ends)
+    odds = " to ".join(ends)
     if len(ends) > 1 and ends[0].startswith("under"):
-        said = f"at most {ends[1]}"
-    each = " each" if len(stable) > 1 and " to " not in said else ""
-    return f" (probability of L₂ string stability: {said}{each})"
+        odds = f"at most {ends[1]}"
+    each = " each" if len(stable) > 1 and " to " not in odds else ""
+    return f" (probability of L₂ string stability: {odds}{each})"
 
 
 def criteria_differ(subject: AssessedVehicles) -> str:

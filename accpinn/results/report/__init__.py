@@ -59,7 +59,7 @@ from accpinn.results.reproduction import verification_table
 from accpinn.results.strip import strip_of
 from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.stability import criteria_part, known_table
+from accpinn.results.tables.stability import assessment_table, criteria_part
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
 from accpinn.study.description import describe
@@ -156,7 +156,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     for name, colours in (("parameters", rows), ("errors", paints)):
         every[name] = every[name].coloured(colours)
     if description.vehicles.has_report:
-        every["stability"] = known_table(description.vehicles).coloured(paints[1:])
+        every["stability"] = assessment_table(description.vehicles).coloured(paints[1:])
     recommended = words.recommended_of((snapshot, *snapshot.compared))
     for k in range(info.followers if snapshot.compared else 0):
         every[f"methods_{k + 1}"] = tables.methods_table(snapshot.compared, k, recommended)
@@ -199,8 +199,8 @@ def _story(snapshot: Result, checked: Verification, with_curves: bool) -> dict[s
         "messages": messages,
         "sheets": sheets,
         "reasons": [
-            (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
-            for label, said in (on_stability.reasons(subject) if subject.has_report else ())
+            (label, [why for verdict, why in verdicts if verdict.criterion in EXPLAINED])
+            for label, verdicts in (on_stability.reasons(subject) if subject.has_report else ())
         ],
         "explanation": on_stability.explained(subject) if subject.has_report else "",
         "has_measured": stability_figures.measured_of(subject) if subject.has_report else False,
@@ -218,8 +218,10 @@ def _waves(cast: Cast | None, run: PlatoonRun | None, who: str) -> Iterator[Pict
         return
     omega = run.leader.frequency
     shades = "Light to dark: first to last." if len(cast.vehicles) == 1 else "Colours as above."
-    said = f"{who}, behind a leader (thick) whose speed oscillates at {omega:.3g} rad/s. {shades}"
-    yield Picture("waves", steady_waves(cast, omega, WAVES), said)
+    caption = (
+        f"{who}, behind a leader (thick) whose speed oscillates at {omega:.3g} rad/s. {shades}"
+    )
+    yield Picture("waves", steady_waves(cast, omega, WAVES), caption)
 
 
 def _sheet(table: Table, name: str) -> dict[str, Any]:
@@ -265,8 +267,8 @@ def curve_pictures(snapshot: Result) -> Iterator[Picture]:
     for k, label in enumerate(snapshot.info.labels[1:]):
         curves = curves_of(snapshot, k)
         about = on_estimate.about_curves(description, k, snapshot.gap_band)
-        said = " ".join((f"{label}.", curves.about, *about))
-        yield Picture(f"curves_{k + 1}", drive(curves), said)
+        caption = " ".join((f"{label}.", curves.about, *about))
+        yield Picture(f"curves_{k + 1}", drive(curves), caption)
 
 
 def training_pictures(snapshot: Result) -> Iterator[Picture]:
@@ -284,11 +286,11 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if not subject.has_report:
         return
     bode = with_legend(stability_figures.bode(subject))
-    said = ["Bode magnitude from the speed ahead to the vehicle's own."]
-    said += ["Dashed: from the leader to the last."] if len(vehicles) > 1 else []
-    said.append(on_stability.about_bode(uncertainty))
-    said += [MEASURED] if stability_figures.measured_of(subject) else []
-    yield Picture("bode", bode, " ".join(said))
+    sentences = ["Bode magnitude from the speed ahead to the vehicle's own."]
+    sentences += ["Dashed: from the leader to the last."] if len(vehicles) > 1 else []
+    sentences.append(on_stability.about_bode(uncertainty))
+    sentences += [MEASURED] if stability_figures.measured_of(subject) else []
+    yield Picture("bode", bode, " ".join(sentences))
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
         yield Picture("criteria", with_legend(chart), on_stability.CRITERIA)
@@ -299,9 +301,12 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         about += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     yield Picture("map", with_legend(chart), about)
     if waves := subject.waves:
-        said = [on_stability.waves_in_words(waves), "Solid: braking waves; dashed: accelerating."]
+        sentences = [
+            on_stability.waves_in_words(waves),
+            "Solid: braking waves; dashed: accelerating.",
+        ]
         chart = with_legend(control.growth_by_frequency(subject, waves))
-        yield Picture("waves", chart, " ".join([*said, on_stability.WAVES]))
+        yield Picture("wave_growth", chart, " ".join([*sentences, on_stability.WAVES]))
 
 
 def platoon_pictures(

@@ -211,8 +211,8 @@ def columns_of(model: str) -> dict[str, Column]:
     """A model's own parameters by name, in its own order: those of a CTHP α, β, τ and its terms."""
     following = FOLLOWING[model]
     if following.is_linear:
-        known = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
-        return {name: known[name] for name in following.names}
+        columns = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
+        return {name: columns[name] for name in following.names}
     return {
         p.name: Column(p.symbol, p.unit, OWN_DIGITS, following.title, key=p.name, may_be_fixed=True)
         for p in following.parameters
@@ -230,19 +230,19 @@ def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[
     They are α, β and τ, and of s₀, λ and d those that a set has: τ alone says little beside an s₀.
     A model that is no CTHP has the s₀ of its linearisation, and then its own parameters.
     """
-    own = [] if FOLLOWING[model].is_linear else [*columns_of(model).values()]
+    own_columns = [] if FOLLOWING[model].is_linear else [*columns_of(model).values()]
     yield from enumerate(PARAMETER_COLUMNS)
-    for at, column in enumerate(TERM_COLUMNS[: 1 if own else None], len(PARAMETER_COLUMNS)):
+    for at, column in enumerate(TERM_COLUMNS[: 1 if own_columns else None], len(PARAMETER_COLUMNS)):
         if np.nan_to_num(parameters.complete[:, at]).any():
-            yield at, replace(column, key="linearised_s0") if own else column
-    yield from enumerate(own, 6)
+            yield at, replace(column, key="linearised_s0") if own_columns else column
+    yield from enumerate(own_columns, 6)
 
 
 def parameter_cells(
     parameters: Parameters,
     group: str = "",
     model: str = PAPER,
-    known: Uncertainty | None = None,
+    uncertainty: Uncertainty | None = None,
     is_brief: bool = False,
 ) -> Iterator[Filled]:
     """The parameters of (K,) vehicles, α, β and τ first, with intervals where these are known."""
@@ -250,9 +250,10 @@ def parameter_cells(
         values, is_term = parameters.everything[:, at], len(PARAMETER_COLUMNS) <= at < 6
         cells: Sequence[Cell] = [None if is_term and v == 0 else v for v in values]
         shown = replace(column, group=group, key="") if group else column
-        if known:
-            ends = (known.lower.everything[:, at], known.upper.everything[:, at])
-            cells, level = interval_cells(values, *ends), f"{100 * known.level:.0f} % interval"
+        if uncertainty:
+            ends = (uncertainty.lower.everything[:, at], uncertainty.upper.everything[:, at])
+            cells = interval_cells(values, *ends)
+            level = f"{100 * uncertainty.level:.0f} % interval"
             heading = f"{column.group or group} ({level})" if group else column.group
             shown = replace(column, group=heading)
         yield replace(shown, is_brief=is_brief), cells
@@ -307,22 +308,24 @@ def methods_table(
         2
     """
     rows = _compared_rows(results, follower, recommended)
-    found = [result.estimate for result in rows]
-    known = recommended.uncertainty if recommended else None
+    estimates = [result.estimate for result in rows]
+    uncertainty = recommended.uncertainty if recommended else None
     filled: list[Filled] = [
-        (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
-        (MODEL, [brief(estimate.model) for estimate in found]),
-        _compared_gaps(found, follower, known is not None),
+        (Column("Method"), [name_of(estimate, with_model=False) for estimate in estimates]),
+        (MODEL, [brief(estimate.model) for estimate in estimates]),
+        _compared_gaps(estimates, follower, uncertainty is not None),
     ]
-    sets = Parameters.stack(estimate.parameters[follower] for estimate in found)
+    sets = Parameters.stack(estimate.parameters[follower] for estimate in estimates)
     for at, (column, cells) in zip(dict(shown_columns(sets)), parameter_cells(sets), strict=True):
         shown = [*cells]
-        if known and shown[0] is not None:
-            ends = (part.everything[follower, at] for part in (known.lower, known.upper))
+        if uncertainty and shown[0] is not None:
+            ends = (
+                part.everything[follower, at] for part in (uncertainty.lower, uncertainty.upper)
+            )
             shown[0] = Quantity(float(sets.everything[0, at]), *map(float, ends))
         filled.append((column, shown))
     if recommended:
-        filled.append(_inside(recommended, found, follower))
+        filled.append(_inside(recommended, estimates, follower))
     return Table.of(_compared_caption(rows, follower), [*filled, *_compared_errors(rows, follower)])
 
 
@@ -334,21 +337,21 @@ def compared_table(
     τ of one model is not τ of another, so numbers that mean different things share no column.
     """
     rows = _compared_rows(results, follower, recommended)
-    found = [result.estimate for result in rows]
+    estimates = [result.estimate for result in rows]
     filled: list[Filled] = [
-        (Column("Method"), [name_of(estimate, with_model=False) for estimate in found]),
-        _compared_gaps(found, follower, recommended is not None),
+        (Column("Method"), [name_of(estimate, with_model=False) for estimate in estimates]),
+        _compared_gaps(estimates, follower, recommended is not None),
     ]
-    for model in dict.fromkeys(estimate.model for estimate in found):
+    for model in dict.fromkeys(estimate.model for estimate in estimates):
         for name, column in columns_of(model).items():
-            spans = [e.span(name, follower) if e.model == model else None for e in found]
+            spans = [e.span(name, follower) if e.model == model else None for e in estimates]
             cells: list[Cell] = [span.value if span else None for span in spans]
             if recommended and spans[0]:
                 cells[0] = cell_of(Value(spans[0]))
             title = "Paper's model" if model == PAPER else TITLES[model]
             filled.append((replace(column, group=title, key=f"{model}_{column.key}"), cells))
     if recommended:
-        filled.append(_inside(recommended, found, follower))
+        filled.append(_inside(recommended, estimates, follower))
     return Table.of(_compared_caption(rows, follower), filled)
 
 
@@ -371,8 +374,8 @@ def _compared_rows(
     """The recommended estimate, those of its model, and then those of others."""
     if not results and recommended is None:
         raise ConfigError("results: none is given; choose what accpinn.compare yields, in a list.")
-    own = recommended.analysis.key if recommended else ""
-    others = [result for result in results if result.analysis.key != own]
+    key = recommended.analysis.key if recommended else ""
+    others = [result for result in results if result.analysis.key != key]
     rows = [recommended, *others] if recommended else others
     if not 0 <= follower < (followers := rows[0].info.followers):
         raise ConfigError(
@@ -387,20 +390,20 @@ def _compared_caption(rows: Sequence[Result], follower: int) -> str:
     return f"{info.labels[follower + 1]}, {where(info, windows=rows[0].infos)}"
 
 
-def _compared_gaps(found: Sequence[Estimate], follower: int, with_interval: bool) -> Filled:
+def _compared_gaps(estimates: Sequence[Estimate], follower: int, with_interval: bool) -> Filled:
     """The time gap, which means the same under every model."""
-    speed = found[0].stated_speed
-    gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in found]
+    speed = estimates[0].stated_speed
+    gaps: list[Cell] = [estimate.time_gap(speed, follower).value for estimate in estimates]
     if with_interval:
-        gaps[0] = cell_of(Value(found[0].time_gap(speed, follower)))
+        gaps[0] = cell_of(Value(estimates[0].time_gap(speed, follower)))
     return gap_column(speed), gaps
 
 
-def _inside(recommended: Result, found: Sequence[Estimate], follower: int) -> Filled:
+def _inside(recommended: Result, estimates: Sequence[Estimate], follower: int) -> Filled:
     """Whether the rows below the recommended estimate lie inside its intervals."""
-    away = [outside_interval(recommended.estimate, each, follower) for each in found]
-    said = [f"no: {joined(symbols)}" if symbols else "yes" for symbols in away[1:]]
-    return Column("Inside the interval", key="inside"), [None, *said]
+    away = [outside_interval(recommended.estimate, each, follower) for each in estimates]
+    words = [f"no: {joined(symbols)}" if symbols else "yes" for symbols in away[1:]]
+    return Column("Inside the interval", key="inside"), [None, *words]
 
 
 def _compared_errors(rows: Sequence[Result], follower: int) -> Iterator[Filled]:
@@ -413,15 +416,15 @@ def _compared_errors(rows: Sequence[Result], follower: int) -> Iterator[Filled]:
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
-    info, found = results[0].info, [result.estimate for result in results]
-    starts = [", ".join(f"{value:g}" for value in each.settings["initial"]) for each in found]
-    sets = Parameters.stack(each.parameters[follower] for each in found)
+    info, estimates = results[0].info, [result.estimate for result in results]
+    starts = [", ".join(f"{value:g}" for value in each.settings["initial"]) for each in estimates]
+    sets = Parameters.stack(each.parameters[follower] for each in estimates)
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
         *parameter_cells(sets, "Learned"),
         *_error_cells(results, follower, SURROGATE, CLOSED_LOOP),
-        (Column("Iterations", "", 0), [float(each.iterations) for each in found]),
-        (Column("Time", "s", 1), [each.seconds for each in found]),
+        (Column("Iterations", "", 0), [float(each.iterations) for each in estimates]),
+        (Column("Time", "s", 1), [each.seconds for each in estimates]),
     ]
     table = Table.of(
         f"{info.labels[follower + 1]}, {where(info, windows=results[0].infos)}", filled
@@ -474,8 +477,8 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
             if present and vehicle in present.info.vehicles[1:]:
                 k = present.info.vehicles.index(vehicle) - 1
                 change[at] = present.parameters[k].values - before.values
-                asked = differences(row.analysis, present.analysis)
-                differs[at] = "; ".join(asked) or "nothing"
+                changes = differences(row.analysis, present.analysis)
+                differs[at] = "; ".join(changes) or "nothing"
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
@@ -507,12 +510,12 @@ def validation_table(
     learned = learned if len(infos) < 3 else f"{len(infos)} windows"
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
-    for group, key, known in (
+    for group, key, tracking in (
         (f"Learned from: {learned}", "learned", errors),
         (f"Validation: {source}{other.window}", "validation", validated),
     ):
         absent = info.followers * [None]
-        gaps, speeds = (known.gap_mae, known.speed_mae[1:]) if known else (absent, absent)
+        gaps, speeds = (tracking.gap_mae, tracking.speed_mae[1:]) if tracking else (absent, absent)
         filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
         filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
     return Table.of("Validation: error of the closed-loop simulation, MAE", filled)

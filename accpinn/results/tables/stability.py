@@ -68,31 +68,31 @@ def stability_table(
         >>> accpinn.stability_table(cars, report).rows[0][0]
         'A car'
     """
-    assessed, known = report.vehicles, uncertainty
+    assessed, drawn = report.vehicles, uncertainty
     against = _contradictions(vehicles, checks)
     headways = [vehicle.smallest_tau for vehicle in assessed]
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
     bands = [v.onset for v in assessed]  # of few vehicles
     gains = [v.linf_gain for v in assessed]
-    margins = l2_margins(parameters, *((known.draws, known.level) if known else ()))
+    margins = l2_margins(parameters, *((drawn.draws, drawn.level) if drawn else ()))
     return Table.of(
         f"String stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
             *estimates.driver_cells(vehicles.by_hand),
-            *estimates.parameter_cells(parameters, known=known, is_brief=True),
-            *_posterior(L2, known.probability_l2 if known else None, against),
+            *estimates.parameter_cells(parameters, uncertainty=drawn, is_brief=True),
+            *_posterior(L2, drawn.probability_l2 if drawn else None, against),
             (STABLE, [v.l2.word for v in assessed]),
-            (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
+            (PEAK, _with_ends(peaks, _decibels(drawn.peak_gain) if drawn else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
-            (BELOW, _with_ends(crossovers, known.crossover if known else None)),
+            (BELOW, _with_ends(crossovers, drawn.crossover if drawn else None)),
             (MARGIN, [_plain(margin.distance) for margin in margins]),
-            *_posterior(LINF, known.probability_linf if known else None),
+            *_posterior(LINF, drawn.probability_linf if drawn else None),
             (Column("Paper's criterion", group=LINF), [v.linf_paper.word for v in assessed]),
             (EXACT, [v.linf_exact.word for v in assessed]),
-            (GAIN, _with_ends(gains, known.linf_gain if known else None)),
+            (GAIN, _with_ends(gains, drawn.linf_gain if drawn else None)),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
@@ -109,8 +109,8 @@ def criteria_part(table: Table) -> Table:
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
-def known_table(subject: AssessedVehicles) -> Table:
-    """The `stability_table` of vehicles with all that is known of them."""
+def assessment_table(subject: AssessedVehicles) -> Table:
+    """The `stability_table` of vehicles, with intervals and marks where these are known."""
     return stability_table(subject.vehicles, subject.report, subject.uncertainty, subject.checks)
 
 
@@ -118,28 +118,31 @@ def verdict_table(subject: AssessedVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
     aside = [ABOVE.title, BELOW.title, MARGIN.title, "Paper's criterion", *certain]
-    table = known_table(subject)
+    table = assessment_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 
 
 def modes_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle: its rightmost pole, damping, overshoot, settling and exact L∞ gain."""
-    known, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
+    uncertainty, report, modes = subject.uncertainty, subject.report.vehicles, subject.modes
     gains = [vehicle.linf_gain for vehicle in report]
     return Table.of(
         f"Poles and responses, {subject.vehicles.title}",
         [
             (Column("Vehicle"), subject.vehicles.labels),
-            (Column("Rightmost pole", "rad/s"), [_pole(found.poles) for found in modes]),
-            (Column("ζ", "", 2, key="damping_ratio"), [found.damping_ratio for found in modes]),
+            (Column("Rightmost pole", "rad/s"), [_pole(motion.poles) for motion in modes]),
+            (Column("ζ", "", 2, key="damping_ratio"), [motion.damping_ratio for motion in modes]),
             (
                 Column("ωₙ", "rad/s", 3, key="natural_frequency"),
-                [found.natural_frequency for found in modes],
+                [motion.natural_frequency for motion in modes],
             ),
             (Column("Overshoot", "%", 0), [100 * vehicle.overshoot for vehicle in report]),
-            (Column("Settling, 2 %", "s", 1, key="settling"), [found.settling for found in modes]),
-            (GAIN_ALONE, _with_ends(gains, known.linf_gain if known else None)),
+            (
+                Column("Settling, 2 %", "s", 1, key="settling"),
+                [motion.settling for motion in modes],
+            ),
+            (GAIN_ALONE, _with_ends(gains, uncertainty.linf_gain if uncertainty else None)),
         ],
     )
 
@@ -154,9 +157,8 @@ def _pole(poles: NDArray[np.complex128]) -> str | None:
 
 def margin_table(subject: AssessedVehicles) -> Table:
     """One row a vehicle, and one of the platoon: the time gap, and by how much it is stable."""
-    found = subject.margins
-    rows, platoon = [*found.vehicles], found.platoon
-    digits = MARGIN_DIGITS if found.level else 2
+    rows, platoon = subject.margins.vehicles, subject.margins.platoon
+    digits = MARGIN_DIGITS if subject.margins.level else 2
     more: list[Cell] = [None] * bool(platoon)
     filled: list[Filled] = [
         (Column("Vehicle"), [*subject.vehicles.labels, *(["All cars in order"] * len(more))]),
@@ -224,9 +226,9 @@ def _contradictions(vehicles: ParameterSet, checks: Sequence[GainCheck]) -> list
 
     A row that stands for all followers has the number 0.
     """
-    said = {c.vehicle: c.sentence(vehicles) for c in checks if c.contradiction}
-    everyone = next(iter(said.values()), "")
-    return [said.get(number, "" if number else everyone) for number in vehicles.vehicles[1:]]
+    sentences = {c.vehicle: c.sentence(vehicles) for c in checks if c.contradiction}
+    everyone = next(iter(sentences.values()), "")
+    return [sentences.get(number, "" if number else everyone) for number in vehicles.vehicles[1:]]
 
 
 def _posterior(

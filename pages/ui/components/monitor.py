@@ -114,20 +114,20 @@ def waiting_line(task: Task[Any]) -> str:
     """Which tasks are ahead of a queued one, the user's own and others, and when it starts."""
     queue = queue_of(task)
     ahead, seconds = queue.ahead_of(task), queue.wait_for(task)
-    own = [other for other in ahead if other.owner == task.owner]
-    count = len(ahead) - len(own)
+    earlier_of_user = [other for other in ahead if other.owner == task.owner]
+    count = len(ahead) - len(earlier_of_user)
     when = f"in about {show.format_duration(seconds)}" if seconds else "by itself"
     whose = "of your other sessions" if sees_all() else "of other users"
-    if not own:
+    if not earlier_of_user:
         many = f"{count} tasks {whose} come first." if count > 1 else f"1 task {whose} comes first."
         return f"Waiting: {many} Yours then starts {when}."
-    (earlier, *_), others = own, f" So do {count} tasks {whose}." if count > 1 else ""
+    (earlier, *_), others = earlier_of_user, f" So do {count} tasks {whose}." if count > 1 else ""
     others = f" So does 1 task {whose}." if count == 1 else others
-    kept = "can be continued later" if earlier.analysis else "keeps its results so far"
+    outcome = "can be continued later" if earlier.analysis else "keeps its results so far"
     return (
         f"{own_task_line(earlier, None if count else seconds)}{others} The {task.kind} then starts"
         f" {'by itself' if not count else when}. To have it sooner, stop the {earlier.kind}; it"
-        f" {kept}."
+        f" {outcome}."
     )
 
 

@@ -151,10 +151,10 @@ def show_cures(
     others_said = messages(others, recording)
     left = against[show.SHOWN :]
     show.cautions(others_said[: show.SHOWN])
-    rest: tuple[Finding, ...] = (*left, *others[show.SHOWN :])
-    if rest:
-        with st.expander(f"{len(rest)} more about the data"):
-            st.markdown(show.bullets(messages(rest, recording)))
+    hidden: tuple[Finding, ...] = (*left, *others[show.SHOWN :])
+    if hidden:
+        with st.expander(f"{len(hidden)} more about the data"):
+            st.markdown(show.bullets(messages(hidden, recording)))
 
 
 # What was understood
@@ -200,9 +200,9 @@ def _show_columns(workspace: Workspace, pending: Pending, mapping: CsvMapping) -
     ]  # fmt: skip
     colours = [] if mapping.by else [_colour(mapping, choice.column) for choice in rows]
     show.table(Table.of("", cells), colours)
-    rest = [choice.column for choice in spare if choice not in listed]
-    if rest:
-        show.caption(excerpt(f"{len(rest)} more are not used: {', '.join(rest)}", 200))
+    unused = [choice.column for choice in spare if choice not in listed]
+    if unused:
+        show.caption(excerpt(f"{len(unused)} more are not used: {', '.join(unused)}", 200))
 
 
 def _first_values(choice: Choice) -> str:
@@ -210,8 +210,8 @@ def _first_values(choice: Choice) -> str:
     cells = [cell or "–" for cell in choice.cells[:2]]
     if all(set(cell) <= set("+-.,0123456789eE–") for cell in cells):
         return ", ".join(excerpt(cell, LONGEST_NUMBER) for cell in cells)
-    both = ", ".join(cells)
-    return both if len(both) <= LONGEST_CELL else excerpt(cells[0], LONGEST_CELL)
+    pair = ", ".join(cells)
+    return pair if len(pair) <= LONGEST_CELL else excerpt(cells[0], LONGEST_CELL)
 
 
 def _reason(choice: Choice, roles: Sequence[tuple[str, str]], is_kept: bool) -> str:

@@ -22,6 +22,7 @@ from accpinn.recordings import Window
 from accpinn.results import database as results
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
+from accpinn.results.tables import Table
 from accpinn.study import studies as on_disk
 from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure
@@ -32,8 +33,8 @@ from pages.ui.database import running, study_folders
 from pages.ui.session.resources import find_recording, title_of_variant
 from pages.ui.session.workspace import Workspace
 
-FEW_GROUPS = 8
-"""Rows of the table of groups until all are asked for."""
+FEW_GROUPS = 6
+"""Rows of a table of groups before all are asked for."""
 LISTED = 100
 """Failures that are shown; the file has all of them."""
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
@@ -207,8 +208,10 @@ def _show_study(
         "Time gap over speed": lambda: _show_gaps(workspace, rows, selected),
         "α–β plane": lambda: _show_plane(workspace, rows, selected),
         "Numbers": lambda: _show_groups(workspace, selected, f"{study}_by_{by}"),
-        "Parameters": lambda: show.table(results.group_parameters_table(selected.groups)),
-        "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
+        "Parameters": lambda: _show_few(
+            workspace, results.group_parameters_table(selected.groups)
+        ),
+        "Spread": lambda: _show_spread(workspace, selected, f"{study}_spread_by_{by}"),
         "All rows": lambda: _show_rows(workspace, rows, selected, study),
         "Failures": lambda: _show_failures(failures, study),
     })  # fmt: skip
@@ -332,8 +335,8 @@ def _asked() -> dict[str, tuple[str, ...]]:
 # Tabs
 
 
-def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
-    table = results.ranking_table(selected.groups)
+def _show_few(workspace: Workspace, table: Table) -> None:
+    """Draw the first rows of a table of groups, and all once they are asked for."""
     count, key = len(table.rows), "database_all_groups"
     is_short = count > FEW_GROUPS and not workspace.choices.get(key)
     show.table(replace(table, rows=table.rows[:FEW_GROUPS]) if is_short else table)
@@ -342,6 +345,10 @@ def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
             f"Show all {count} groups", key=f"{key}_more", type="tertiary",
             icon=":material/expand_more:", on_click=workspace.keep(key), args=(True,),
         )  # fmt: skip
+
+
+def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
+    _show_few(workspace, results.ranking_table(selected.groups))
     show.caption(
         "Of several vehicles: their share, and in brackets that of all such vehicles.",
         "In brackets: intervals of the typical value. With one vehicle that is its own; with"
@@ -352,10 +359,10 @@ def _show_groups(workspace: Workspace, selected: ShownRows, name: str) -> None:
     show.downloads(results.group_table(selected.groups), name, "database_groups")
 
 
-def _show_spread(selected: ShownRows, name: str) -> None:
+def _show_spread(workspace: Workspace, selected: ShownRows, name: str) -> None:
     """How far the windows and the vehicles of each group differ."""
     table = results.spread_table(selected.groups)
-    show.table(table)
+    _show_few(workspace, table)
     st.caption(
         "Standard deviations beyond the sampling error of each window: two thirds of the windows,"
         " or of the vehicles, lie within them. Those of α, β and the time gap are relative. With"

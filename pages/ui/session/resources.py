@@ -191,8 +191,8 @@ def recordings_folder() -> Path:
 def folders(root: Path) -> tuple[str, ...]:
     """The folders of recordings below one, itself first as "."; none where there is no file."""
     below = {path.parent.relative_to(root) for path in listed()}
-    every = {Path("."), *below, *(p for one in below for p in one.parents)} if below else set()
-    return tuple(str(path) for path in sorted(every))
+    parents = {parent for path in below for parent in path.parents}
+    return tuple(str(path) for path in sorted(below | parents))
 
 
 def listed() -> list[Path]:

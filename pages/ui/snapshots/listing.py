@@ -37,7 +37,7 @@ from pages.ui.session.workspace import TITLE_OF, Workspace
 
 SECOND = SERIES[1]
 """Colour of the second result's curves; the first one's is that of every simulation."""
-LISTED, FEW = 10, 4
+LISTED, FEW = 7, 4
 """Rows at most, and before all are asked for; a search finds the others."""
 WIDTHS = (2.1, 4.4, 1.1)
 """Widths of a row's cells: name and data, estimates and time, what can be done with it."""

@@ -48,11 +48,15 @@ def show_page(workspace: Workspace) -> None:
         return
     st.caption("Results as files: keep them, send them, open them again, compare them.")
     banner(workspace)
-    left, right = st.columns((2, 1), gap="large")
-    with left:
-        _save_form(workspace)
-    with right:
-        _upload_form(workspace)
+    # The whole list takes the place of the forms.
+    is_whole = bool(workspace.choices.get("snapshots_all"))
+    title = "Save the current result, or import a snapshot"
+    with st.expander(title, icon=":material/add:") if is_whole else st.container():
+        left, right = st.columns((2, 1), gap="large")
+        with left:
+            _save_form(workspace)
+        with right:
+            _upload_form(workspace)
     entries = own_snapshots(workspace.id)
     if not entries:
         st.caption("You have kept no snapshot here yet.")

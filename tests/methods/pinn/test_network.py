@@ -14,7 +14,7 @@ from accpinn.methods.estimate import of_window
 from accpinn.methods.pinn.config import FAST, PAPER, PresetName
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
-from accpinn.methods.pinn.training import _bytes_needed, require_memory
+from accpinn.methods.pinn.training import bytes_needed, require_memory
 from accpinn.model.spec import ModelSpec
 from tests.support.driving import segment_of
 from tests.support.methods import train
@@ -154,7 +154,7 @@ def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, m
 def test_a_larger_network_takes_more_memory(settings: dict[str, int], factor: float) -> None:
     """So much more was measured."""
     needed = [
-        _bytes_needed(of_length(100), 100.0, preset("paper", **changes), "cthp")
+        bytes_needed(of_length(100), 100.0, preset("paper", **changes), "cthp")
         for changes in ({}, settings)
     ]
     assert needed[1] >= 0.8 * factor * needed[0]

@@ -56,6 +56,7 @@ WITHOUT_UNIT = {
     "Largest growth",
     "Minus its last value",
     "Gain",
+    "Growth",
     "Coherence",
     "Correlation",
     "Step response of the speed",

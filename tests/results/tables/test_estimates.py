@@ -37,8 +37,8 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import (
     amplitude_table,
+    assessment_table,
     criteria_part,
-    known_table,
     measured_gain_table,
     stability_table,
     verdict_table,
@@ -271,7 +271,7 @@ def test_verdicts_have_intervals_and_probabilities_with_a_posterior_alone() -> N
     subject = assessed_vehicles(recommended())
     known = subject.uncertainty
     peak, gain, stable = known.peak_gain, known.linf_gain, known.probability_l2
-    table, verdicts = known_table(subject), verdict_table(subject)
+    table, verdicts = assessment_table(subject), verdict_table(subject)
     assert column(table, "Amplified below", L2)[0][1:] == (
         known.crossover.lower[0], known.crossover.upper[0],
     )  # fmt: skip
@@ -284,7 +284,7 @@ def test_verdicts_have_intervals_and_probabilities_with_a_posterior_alone() -> N
     assert column(verdicts, "Peak", L2)[0][1:] == tuple(decibels)
     assert column(verdicts, "‖h‖₁", LINF)[0][1:] == (gain.lower[0], gain.upper[0])
     point = assessed_vehicles(trained())
-    titles = {c.title for c in known_table(point).columns}
+    titles = {c.title for c in assessment_table(point).columns}
     assert not {"Probability", "Verdict"} & titles
     peaks = [vehicle.peak.db for vehicle in point.report.vehicles]
     assert column(verdict_table(point), "Peak", L2) == peaks
