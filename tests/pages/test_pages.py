@@ -12,7 +12,8 @@ import accpinn
 from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.findings import capital
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import Continued, Outcome, Progress
+from accpinn.methods.estimate import Outcome, Progress
+from accpinn.methods.findings import Continued
 from accpinn.methods.forecast import INTERVALS
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
