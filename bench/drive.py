@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 
+from accpinn.errors import ConfigError
 from accpinn.inference.coordinates import AT_SPEED
 from accpinn.inference.experiment import STEP
 from accpinn.inference.intervals import LEVEL
@@ -36,6 +37,9 @@ LENGTH: Seconds = 120.0
 USUAL = Disturbance(delay=0.4, standstill=4.0)
 NAMES = "ln α", "ln β", "time gap", "s₀", "delay"
 KEYS = "alpha", "beta", "time_gap", "s0", "delay"
+NAMES_OF_ROWS = (
+    "truth", "predicted", "drive lower", "drive upper", "motorway lower", "motorway upper",
+)  # fmt: skip
 PROMISED = 0.5
 """Largest median ratio of the intervals of α and β."""
 
@@ -45,13 +49,17 @@ def car(seed: int) -> dict[str, FloatArray]:
 
     Returns:
         (5,) each, by `KEYS`: the truth, ends of the intervals from both drives, and the ratio of
-        their widths that was predicted.
+        their widths that was predicted; nan of a car for which nothing is proposed.
     """
     import accpinn
 
     true = SETS[seed % len(SETS)]
     first = disturbed([true], 3 * seed, USUAL, duration=LENGTH)
-    proposed = next_drive(accpinn.fit(first, method="pinn", preset="calibrated"), duration=LENGTH)
+    known = accpinn.fit(first, method="pinn", preset="calibrated")
+    try:
+        proposed = next_drive(known, duration=LENGTH)
+    except ConfigError:  # every drive could come too close
+        return {name: np.full(len(KEYS), np.nan) for name in NAMES_OF_ROWS}
     time = SIMULATION_STEP * np.arange(round(LENGTH / SIMULATION_STEP) + 1)
     ahead = np.interp(time, STEP * np.arange(len(proposed.speed)), proposed.speed)
     half = {row.name: (row.drive_alone, row.motorway_alone) for row in proposed.narrowing}
@@ -89,6 +97,8 @@ def measure(cars: int) -> Iterator[Measurement]:
 
 def figures(of_all: dict[str, FloatArray]) -> Iterator[Measurement]:
     """The measurements of cars, as `car` returns them."""
+    given = np.isfinite(of_all["truth"]).all(axis=1)
+    of_all = {name: rows[given] for name, rows in of_all.items()}
     widths = {name: of_all[f"{name} upper"] - of_all[f"{name} lower"]
               for name in ("drive", "motorway")}  # fmt: skip
     ratios = widths["drive"] / widths["motorway"]

@@ -144,8 +144,8 @@ SHIPPED = frozenset(FOLLOWING)
 PAPER = CTHP.key
 """The paper's model."""
 BEST = "cthp-s0-delay"
-"""The recommended model: none predicts the gap in other windows better in the mean over the cars of
-the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
+"""The recommended model: none is closer to the measured gain, and none with an exact likelihood
+predicts the gap in other windows better over the recordings at hand (docs/validation.md)."""
 Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: dict[str, str] = {key: model.title for key, model in FOLLOWING.items()}

@@ -416,6 +416,18 @@ class Result(Displayed):
         except ParameterError:
             return None
 
+    @property
+    def assessed_speeds(self) -> FloatArray:
+        """(M,) speeds in m/s at which margins are stated.
+
+        It is that at which the estimate states its time gaps, and under a model that is no CTHP
+        each follower's median speed, at which it is linearised.
+        """
+        estimate = self.estimate
+        if not estimate.following.is_linear:
+            return estimate.speeds
+        return np.full(self.info.followers, estimate.stated_speed)
+
     @checked_method
     def margin(self, speed: float | None = None) -> Margins:
         """How much time gap separates each follower, and the platoon, from string stability.
@@ -439,14 +451,12 @@ class Result(Displayed):
         draws = uncertainty.draws if uncertainty else None
         if speed is not None and not (np.isfinite(speed) and speed > 0):
             raise ParameterError(f"speed: {speed:g} m/s is not allowed; choose one above zero.")
-        at: Any = estimate.stated_speed if speed is None else speed
-        if not model.is_linear and speed is None:
-            at = estimate.speeds
-        elif not model.is_linear:
+        if speed is not None and not model.is_linear:
             for row in parameters.nonlinear:
-                model.linearised(row, at)
-            parameters = model.linearisations(parameters.nonlinear.T, at)
-            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), at)
+                model.linearised(row, speed)
+            parameters = model.linearisations(parameters.nonlinear.T, speed)
+            draws = draws and model.linearisations(np.moveaxis(draws.nonlinear, -1, 0), speed)
+        at: Any = self.assessed_speeds if speed is None else speed
         level = uncertainty.level if uncertainty else LEVEL
         info = self.info
         return margins(parameters, at, draws, level, info.names[1:], info.vehicles[1:])

@@ -173,16 +173,11 @@ class AssessedVehicles:
 
         It is that of `Result.margin` where the vehicles are those of one estimate.
         """
-        drawn, vehicles, result = self.uncertainty, self.vehicles, self.result
+        vehicles, uncertainty = self.vehicles, self.uncertainty
         at: MetresPerSecond | FloatArray = self.speed or self.median_speed
-        if self.speed is None and result:
-            is_linear = result.estimate.following.is_linear
-            at = (
-                result.estimate.stated_speed
-                if is_linear
-                else result.estimate.speeds[: len(vehicles)]
-            )
-        draws, level = (drawn.draws, drawn.level) if drawn else (None, LEVEL)
+        if self.speed is None and self.result:
+            at = self.result.assessed_speeds[: len(vehicles)]
+        draws, level = (uncertainty.draws, uncertainty.level) if uncertainty else (None, LEVEL)
         return margins(
             vehicles.parameters, at, draws, level, vehicles.labels, vehicles.vehicles[1:]
         )

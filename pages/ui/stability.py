@@ -129,7 +129,7 @@ def _show_bode_notes(source: AssessedVehicles) -> None:
     measured = figures.measured_of(source)
     st.caption(
         words.about_bode(source.uncertainty)
-        + " Points: measured gain and band, faint where not compared." * bool(measured)
+        + " Points: measured gain, faint where not compared." * bool(measured)
         + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )

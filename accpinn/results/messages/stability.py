@@ -64,10 +64,8 @@ FOLD, LEAST_GROWTH = 2.0, 0.005
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return (
-        "Diamonds: peaks. Rings: ends of the amplified frequencies. Horizontal bars: limits of the"
-        f" paper's L∞ criterion.{band}"
-    )
+    marks = "Diamonds: peaks. Rings: ends of amplified frequencies. Bars: the paper's L∞ limits."
+    return f"{marks}{band}"
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
@@ -127,7 +125,7 @@ def next_to_stable(subject: AssessedVehicles) -> str:
         return ""
     most = min(lacking, key=lambda k: lacking[k].distance.value)
     who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
-    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more time gap')} to be string stable."
+    said = f"{who}needs {_gap(lacking[most].distance, -1, 'more')} for string stability."
     return capital(said)
 
 
@@ -150,7 +148,8 @@ def _gap(distance: Quantity, sign: int, word: str = "") -> str:
     if isinf(low):
         within = f"up to {high:.2f}"
     else:
-        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f} to {high:.2f}"
+        between = "–" if low >= 0 else " to "
+        within = f"{low:.2f} or more" if isinf(high) else f"{low:.2f}{between}{high:.2f}"
     return f"{gap} ({within})".replace("-", "−")
 
 
