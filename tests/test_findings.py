@@ -14,7 +14,7 @@ from accpinn.inference.identifiability import WeakIdentification
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.inference.trust import Trust
 from accpinn.inference.typical import HeterogeneousFollowers, HeterogeneousWindows
-from accpinn.methods.estimate import HiddenLayersGain
+from accpinn.methods.findings import HiddenLayersGain
 from accpinn.recordings import SamplesMissing, Window
 from accpinn.segment import Bridged, DrivenByHand
 

@@ -2,10 +2,6 @@
 
 import argparse
 import math
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 from tqdm import tqdm
 
@@ -20,6 +16,7 @@ from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
 from accpinn.results.documents import groups_document
+from accpinn.results.progress import share_bar
 from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
@@ -76,7 +73,15 @@ def run_batch(options: argparse.Namespace) -> int:
         ) from None
     if options.scheduler and (warning := plain_scheduler(options.scheduler)):
         note(f"Warning: {warning}")
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, share_bar() as show_share:
+
+        def show_progress(now: BatchProgress) -> None:
+            parts = [f"{now.done:.1f}/{now.files} files", f"{now.finished} windows"]
+            parts += [f"{now.rows} rows", f"{now.failed} failed"]
+            if now.seconds_left:
+                parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
+            show_share(now.share, ", ".join(parts))
+
         summary = batch(
             options.sources,
             options.out,
@@ -94,23 +99,6 @@ def run_batch(options: argparse.Namespace) -> int:
     if summary.stopped:
         return 130
     return 1 if summary.refused and not summary.recordings else 0
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Any]:
-    """A bar on standard error: share of all work, files, windows, rows, time left."""
-    form = "{l_bar}{bar}|{postfix}"
-    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
-
-        def show_progress(now: BatchProgress) -> None:
-            bar.n = now.share
-            parts = [f"{now.done:.1f}/{now.files} files", f"{now.finished} windows"]
-            parts += [f"{now.rows} rows", f"{now.failed} failed"]
-            if now.seconds_left:
-                parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
-            bar.set_postfix_str(", ".join(parts), refresh=True)
-
-        yield show_progress
 
 
 def _batch_text(summary: BatchProgress, out: str) -> str:

@@ -1,9 +1,6 @@
 """`dataset`: the parameters of all cars in many recordings, with the sheet that describes them."""
 
 import argparse
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -16,6 +13,7 @@ from accpinn.cli.recordings import JSON, option
 from accpinn.inference.intervals import LEVEL
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.datasheet import SHEET, overview, write_dataset
+from accpinn.results.progress import share_bar
 from accpinn.study.cluster import plain_scheduler
 from accpinn.study.dataset import MODELS, Dataset, DatasetProgress, make_dataset
 
@@ -37,7 +35,13 @@ def run_dataset(options: argparse.Namespace) -> int:
     if options.scheduler and (warning := plain_scheduler(options.scheduler)):
         note(f"Warning: {warning}")
     folder = Path(options.out)
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, share_bar() as show_share:
+
+        def show_progress(now: DatasetProgress) -> None:
+            left = now.seconds_left
+            more = f", {tqdm.format_interval(left)} left of this step" if left else ""
+            show_share(now.share, f"{now.step}{more}")
+
         dataset = make_dataset(
             options.sources,
             folder,
@@ -80,18 +84,3 @@ def _document(dataset: Dataset, out: str, files: tuple[str, ...]) -> dict[str, A
 
 def _text(dataset: Dataset, folder: Path) -> str:
     return f"{overview(dataset).to_text()}\n\n{folder}: see {SHEET} there."
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Any]:
-    """A bar on standard error: the step, and the share of all work."""
-    form = "{l_bar}{bar}|{postfix}"
-    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
-
-        def show_progress(now: DatasetProgress) -> None:
-            bar.n = now.share
-            left = now.seconds_left
-            more = f", {tqdm.format_interval(left)} left of this step" if left else ""
-            bar.set_postfix_str(f"{now.step}{more}", refresh=True)
-
-        yield show_progress

@@ -7,7 +7,7 @@ import argparse
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -62,7 +62,7 @@ from accpinn.results.tables.estimates import (
 from accpinn.results.tables.stability import assessment_table
 from accpinn.segment import SegmentInfo
 from accpinn.segment.windows import AUTO
-from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
+from accpinn.study.comparison import Refused, compare, spread_of, starts
 from accpinn.study.judge import judge, subjects_of
 from accpinn.study.result import Result
 from accpinn.study.run import run
@@ -324,12 +324,12 @@ def run_starts(options: argparse.Namespace) -> int:
     context, store = TaskContext(threads=options.threads), chosen_store(options)
     bar = tqdm(analyses, unit="training", file=sys.stderr, disable=None)
     results = [run(start, recording, store=store, context=context) for start in bar]
-    rows = results, spread_of(results)
-    show_result(options, lambda: describe_starts(*rows), lambda: _starts_text(*rows))
-    return 0
-
-
-def _starts_text(results: Sequence[Result], spread: Spread) -> str:
-    info = results[0].info
+    spread, info = spread_of(results), results[0].info
     tables = (starts_table(results, spread, k) for k in range(info.followers))
-    return "\n".join([*_texts(tables), *messages((*info.findings, *spread.findings), info)])
+    sentences = messages((*info.findings, *spread.findings), info)
+    show_result(
+        options,
+        lambda: describe_starts(results, spread),
+        lambda: "\n".join([*_texts(tables), *sentences]),
+    )
+    return 0

@@ -2,13 +2,8 @@
 
 import argparse
 import os
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-from tqdm import tqdm
 
 from accpinn.cli.options import ALL, DASK, VARIANTS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show
@@ -17,6 +12,7 @@ from accpinn.errors import ConfigError
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.messages.summary import which_model
+from accpinn.results.progress import share_bar
 from accpinn.results.publication import (
     FORMATS,
     judgements_document,
@@ -76,7 +72,13 @@ def run_judge(options: argparse.Namespace) -> int:
             f"reference: {options.reference[:40]} is not judged; choose {', '.join(keys)}."
         )
     workers = None if options.scheduler else options.workers or _workers(options.sources)
-    with interruptible() as stopped, _progress_bar() as show_progress:
+    with interruptible() as stopped, share_bar() as show_share:
+
+        def show_progress(now: JudgeProgress) -> None:
+            parts = [f"{now.done:.1f}/{now.files} files", f"{now.followers} followers"]
+            parts.append(f"{now.finished} fits" + f", {now.kept} known before" * (now.kept > 0))
+            show_share(now.done / max(1, now.files), ", ".join(parts))
+
         judgements = judge_recordings(
             options.sources,
             keys,
@@ -105,21 +107,6 @@ def _workers(sources: Sequence[str]) -> int | None:
     """As many processes as processors; of one file none, as they would take longer to start."""
     is_one = len(sources) == 1 and Path(sources[0]).is_file()
     return None if is_one else os.cpu_count() or 1
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Any]:
-    """A bar on standard error: files, followers and models judged."""
-    form = "{l_bar}{bar}|{postfix}"
-    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
-
-        def show_progress(now: JudgeProgress) -> None:
-            bar.n = now.done / max(1, now.files)
-            parts = [f"{now.done:.1f}/{now.files} files", f"{now.followers} followers"]
-            parts.append(f"{now.finished} fits" + f", {now.kept} known before" * (now.kept > 0))
-            bar.set_postfix_str(", ".join(parts), refresh=True)
-
-        yield show_progress
 
 
 def _text(judgements: Judgements, reference: str | None) -> str:

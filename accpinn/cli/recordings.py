@@ -68,7 +68,14 @@ def chosen_recording(options: argparse.Namespace) -> Recording:
 def run_info(options: argparse.Namespace) -> int:
     """Print a recording's facts, vehicles and findings; or the mapping that is proposed."""
     if options.propose:
-        return _propose(options.file)
+        proposal = opened(options.file).proposal
+        for choice in proposal.choices:
+            role = f"{choice.role}{f' [{choice.unit}]' if choice.unit else ''}" or "not used"
+            note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
+        for question in proposal.undecided:
+            note(f"Open: {question}")
+        show(write_mapping(proposal.mapping).decode())
+        return 0
     recording = chosen_recording(options)
     document = {
         "source": recording.source,
@@ -79,19 +86,6 @@ def run_info(options: argparse.Namespace) -> int:
         "findings": msgspec.to_builtins(recording.findings),
     }
     show_result(options, lambda: document, lambda: _recording_text(recording))
-    return 0
-
-
-def _propose(file: str) -> int:
-    """Print the proposed mapping of a table, and why."""
-    opened_file = opened(file)
-    proposal = opened_file.proposal
-    for choice in proposal.choices:
-        role = f"{choice.role}{f' [{choice.unit}]' if choice.unit else ''}" or "not used"
-        note(f"{choice.column}: {role}{f' ({choice.reason})' if choice.reason else ''}")
-    for question in proposal.undecided:
-        note(f"Open: {question}")
-    show(write_mapping(proposal.mapping).decode())
     return 0
 
 

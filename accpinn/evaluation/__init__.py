@@ -102,7 +102,16 @@ def evaluate(
     """
     windows = (segments,) if isinstance(segments, Segment) else tuple(segments)
     inside = [ClosedLoop.of(part, estimate) for part in windows]
-    outside = list(_outside(windows, estimate, recording)) if recording else []
+    outside: list[ClosedLoop] = []  # in complete windows beside these, each long enough for one
+    if recording:
+        vehicles, used = windows[0].vehicles, [part.window for part in windows]
+        for window in complete_windows(recording, vehicles, used):
+            piece = cut(recording, window.start, window.duration, vehicles)
+            if not estimate.following.is_linear:
+                piece = from_following(piece)
+            simulation = ClosedLoop.of(piece, estimate)
+            if simulation.errors:
+                outside.append(simulation)
     surrogate = surrogate_errors(windows, estimate)
     return Evaluation(
         surrogate=pooled((s.samples, part) for s, part in zip(windows, surrogate, strict=False)),
@@ -171,20 +180,6 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
 def of_blocks(blocks: Sequence[ClosedLoop]) -> TrackingErrors | None:
     """The errors of all blocks together, by their durations."""
     return pooled((block.window.duration, block.errors) for block in blocks)
-
-
-def _outside(
-    segments: Sequence[Segment], estimate: Estimate, recording: Recording
-) -> Iterator[ClosedLoop]:
-    """The simulations in complete windows beside the segments, each long enough for one."""
-    learned = [segment.window for segment in segments]
-    for window in complete_windows(recording, segments[0].vehicles, learned):
-        piece = cut(recording, window.start, window.duration, segments[0].vehicles)
-        simulation = ClosedLoop.of(
-            piece if estimate.following.is_linear else from_following(piece), estimate
-        )
-        if simulation.errors:
-            yield simulation
 
 
 def from_following(segment: Segment) -> Segment:

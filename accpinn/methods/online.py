@@ -24,13 +24,8 @@ from typing import Any
 import numpy as np
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import (
-    Estimate,
-    FilterDiverged,
-    FilterUncertain,
-    Outcome,
-    ParameterTrack,
-)
+from accpinn.methods.estimate import Estimate, Outcome, ParameterTrack
+from accpinn.methods.findings import FilterDiverged, FilterUncertain
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.model.spec import ModelSpec

@@ -31,13 +31,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.methods import Segments, direct
-from accpinn.methods.estimate import (
-    BoundActiveAtTimes,
-    Estimate,
-    MethodFinding,
-    Outcome,
-    WeaklyDetermined,
-)
+from accpinn.methods.estimate import Estimate, Outcome
+from accpinn.methods.findings import BoundActiveAtTimes, MethodFinding, WeaklyDetermined
 from accpinn.methods.online import in_turn, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors

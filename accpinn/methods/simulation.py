@@ -40,16 +40,8 @@ from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
 from accpinn.methods import Method, Segments, TaskContext, one_thread
-from accpinn.methods.estimate import (
-    Estimate,
-    Implausible,
-    MethodFinding,
-    Outcome,
-    Progress,
-    Recorder,
-    SimulatedSeparately,
-    Undetermined,
-)
+from accpinn.methods.estimate import Estimate, Outcome, Progress, Recorder
+from accpinn.methods.findings import Implausible, MethodFinding, SimulatedSeparately, Undetermined
 from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Parameters, Trajectories

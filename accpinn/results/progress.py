@@ -1,7 +1,7 @@
 """A running estimation as a bar on standard error."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from math import isfinite
 from typing import Any
@@ -9,6 +9,19 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.methods.estimate import OnProgress, Progress
+
+
+@contextmanager
+def share_bar() -> Iterator[Callable[[float, str], None]]:
+    """A bar on standard error, where that is a terminal: the share of all work, and a text."""
+    form = "{l_bar}{bar}|{postfix}"
+    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
+
+        def show_share(share: float, text: str) -> None:
+            bar.n = share
+            bar.set_postfix_str(text, refresh=True)
+
+        yield show_share
 
 
 @contextmanager

@@ -282,10 +282,20 @@ class _Batch:
             self._study.refuse(path, [reason])
             self._now.refused += 1
         self._tell()
-        jobs = self._jobs()
-        first = next(jobs, None)
-        is_ended = first is None or self._work(chain([first], jobs), should_stop)
-        self._study.note(replace(self._request, is_finished=is_ended))
+        jobs, request = self._jobs(), self._request
+        first, is_ended = next(jobs, None), True
+        if first:
+            jobs, is_local = chain([first], jobs), not request.scheduler
+            with connected(request.workers, request.scheduler) as client:
+                for ended in run_all(client, answer_all, jobs, is_local=is_local):
+                    if ended:
+                        job, answers, workers = ended
+                        self._finish(job, answers)
+                        self._tell(workers)
+                    if should_stop():
+                        is_ended = False
+                        break
+        self._study.note(replace(request, is_finished=is_ended))
         named = {row["name"] for row in read_rows(self._study.folder) if row["make"]}
         self._now.unknown_names = tuple(sorted(name for name in named if not is_listed_name(name)))
         self._now.stopped = not is_ended
@@ -293,19 +303,6 @@ class _Batch:
             self._now.share = 1.0
         self._tell()
         return self._now
-
-    def _work(self, jobs: Iterator[WindowJob], should_stop: Callable[[], bool]) -> bool:
-        """Let workers do the jobs, and keep what they find; returns whether all have ended."""
-        request = self._request
-        with connected(request.workers, request.scheduler) as client:
-            for ended in run_all(client, answer_all, jobs, is_local=not request.scheduler):
-                if ended:
-                    job, answers, workers = ended
-                    self._finish(job, answers)
-                    self._tell(workers)
-                if should_stop():
-                    return False
-        return True
 
     def _tell(self, workers: int = 0) -> None:
         """Say how far it has got, and make the study's files now and then.

@@ -14,13 +14,8 @@ from time import perf_counter
 from accpinn.errors import SegmentError
 from accpinn.inference.typical import posterior_phases, with_posterior
 from accpinn.methods import Segments, TaskContext
-from accpinn.methods.estimate import (
-    CacheProblem,
-    Estimate,
-    History,
-    Outcome,
-    Progress,
-)
+from accpinn.methods.estimate import Estimate, History, Outcome, Progress
+from accpinn.methods.findings import CacheProblem
 from accpinn.methods.forecast import CHECKS, Forecast, Phase
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of

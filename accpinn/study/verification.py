@@ -25,14 +25,8 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import AccpinnError
 from accpinn.inference.intervals import SLACK
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import (
-    CacheProblem,
-    Continued,
-    Estimate,
-    MethodFinding,
-    Outcome,
-    Posterior,
-)
+from accpinn.methods.estimate import Estimate, Outcome, Posterior
+from accpinn.methods.findings import CacheProblem, Continued, MethodFinding
 from accpinn.methods.joint_likelihood import UNKNOWNS
 from accpinn.methods.registry import METHODS
 from accpinn.recordings import Recording, facts_of

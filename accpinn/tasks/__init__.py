@@ -417,21 +417,18 @@ class TaskQueue:
         """The waiting tasks in the order in which they will run, if no other comes."""
         return iter(sorted(self._waiting(), key=lambda task: task.round))
 
-    def _take(self) -> Task[Any] | None:
-        """Wait for the next task; None once the queue is closed."""
-        with self._changed:
-            while not self._is_closed:
-                if task := next(self._in_turn(), None):
-                    self._round = task.round
-                    return task
-                self._changed.wait()
-        return None
-
     def _serve(self) -> None:
         self._asked.wait(GRACE)
         with suppress(Exception):  # reported by every task that needs what is prepared
             self._prepare()
-        while task := self._take():
+        while True:
+            with self._changed:
+                while not (self._is_closed or self._waiting()):
+                    self._changed.wait()
+                if self._is_closed:
+                    return
+                task = next(self._in_turn())
+                self._round = task.round
             if self.limit or self._stop_file:
                 threading.Thread(target=self._watch, args=(task,), daemon=True).start()
             task.work()

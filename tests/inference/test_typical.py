@@ -29,7 +29,8 @@ from accpinn.inference.typical import (
     with_posterior,
 )
 from accpinn.inference.window_posterior import window_posterior
-from accpinn.methods.estimate import Estimate, WeaklyDetermined
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.findings import WeaklyDetermined
 from accpinn.methods.joint_likelihood import joint_maxima
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.registry import METHODS

@@ -10,15 +10,8 @@ from hypothesis import strategies as st
 from accpinn.errors import ConfigError
 from accpinn.methods import estimate as module
 from accpinn.methods import least_squares
-from accpinn.methods.estimate import (
-    SPEEDS,
-    History,
-    Progress,
-    Recorder,
-    Undetermined,
-    for_window,
-    of_window,
-)
+from accpinn.methods.estimate import SPEEDS, History, Progress, Recorder, for_window, of_window
+from accpinn.methods.findings import Undetermined
 from accpinn.model.cthp import Parameters
 from accpinn.model.spec import ModelSpec
 from tests.support.driving import MIXED, driven

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from accpinn.methods import Method, Segments, dual_ukf, particle, recursive
-from accpinn.methods.estimate import BoundActive, BoundActiveAtTimes, FilterDiverged, Outcome
+from accpinn.methods.estimate import Outcome
+from accpinn.methods.findings import BoundActive, BoundActiveAtTimes, FilterDiverged
 from accpinn.methods.online import TRACK_EVERY, in_turn
 from accpinn.model.cthp import regressors
 from accpinn.recordings import Recording

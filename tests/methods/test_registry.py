@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods.estimate import (
-    BoundActive,
-    Estimate,
-    FilterUncertain,
-    Outcome,
-    Undetermined,
-    WeaklyDetermined,
-)
+from accpinn.methods.estimate import Estimate, Outcome
+from accpinn.methods.findings import BoundActive, FilterUncertain, Undetermined, WeaklyDetermined
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
 from accpinn.methods.registry import (
     METHODS,

@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 
 from accpinn.errors import SegmentError
 from accpinn.methods import TaskContext, forecast
-from accpinn.methods.estimate import Outcome, Progress, Undetermined
+from accpinn.methods.estimate import Outcome, Progress
+from accpinn.methods.findings import Undetermined
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, optima
 from accpinn.model.cthp import Case

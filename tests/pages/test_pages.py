@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import accpinn
 from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.findings import capital
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import Continued, Outcome, Progress
+from accpinn.methods.estimate import Outcome, Progress
+from accpinn.methods.findings import Continued
 from accpinn.methods.forecast import INTERVALS
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
@@ -25,6 +27,7 @@ from accpinn.results.naming import PAPERS_POINT
 from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN, ITEMS, PANELS, learned_line, reproduction_table
 from accpinn.results.tables.estimates import parameter_table, windows_table
+from accpinn.results.tables.next_drive import drive_table
 from accpinn.study.run import run
 from accpinn.tasks import Status, Task
 from pages.ui.components.monitor import monitor, progress_parts
@@ -976,3 +979,18 @@ def test_a_task_that_ends_while_the_page_is_drawn_is_not_polled_for_ever() -> No
     polled = list[bool]()
     monitor(Ending(), polled.append)
     assert polled == [False]
+
+
+def test_the_next_drive_is_proposed_when_it_is_asked_for() -> None:
+    session = with_pair()
+    session.preset = "calibrated"
+    result = train_at_once(session)
+    page = open_page("Train", session).open_tab("train_tabs", "Next drive")
+    before = len(page.figures())
+    page.press("train_next_drive")
+    number = result.info.vehicles[1]
+    assert page.shows(drive_table(accpinn.next_drive(result, vehicle=number)))
+    assert len(page.figures()) == before + 2
+    session.preset = "fast"
+    train_at_once(session)
+    assert "Next drive" not in open_page("Train", session).everything()

@@ -10,7 +10,7 @@ import pytest
 
 from accpinn import fit, report, save, verify
 from accpinn.errors import ParameterError
-from accpinn.methods.estimate import Undetermined
+from accpinn.methods.findings import Undetermined
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet

@@ -10,7 +10,8 @@ from accpinn import fit
 from accpinn.errors import AccpinnError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import TaskContext
-from accpinn.methods.estimate import CacheProblem, Estimate, Outcome, Progress
+from accpinn.methods.estimate import Estimate, Outcome, Progress
+from accpinn.methods.findings import CacheProblem
 from accpinn.methods.forecast import CURVES, INTERVALS, PARAMETERS, VARIATION
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS

@@ -16,7 +16,8 @@ import pytest
 
 import accpinn
 from accpinn.errors import SnapshotError
-from accpinn.methods.estimate import BoundActive, Outcome
+from accpinn.methods.estimate import Outcome
+from accpinn.methods.findings import BoundActive
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters

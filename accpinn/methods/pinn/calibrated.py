@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Estimate, Outcome, Progress, WeaklyDetermined, for_window
+from accpinn.methods.estimate import Estimate, Outcome, Progress, for_window
+from accpinn.methods.findings import WeaklyDetermined
 from accpinn.methods.forecast import PARAMETERS
 from accpinn.methods.joint_likelihood import UNKNOWNS, Rise, rising, smoothed, without_bounds
 from accpinn.methods.likelihood import log_errors, natural, vanishing
@@ -184,30 +185,26 @@ class CalibratedTraining(Training):
 
     def _drawn(self, solution: Solution, unknowns: FloatArray) -> dict[str, Any]:
         """Curves, losses and arrays of all windows, as fields of an `Estimate`."""
-        drawn = [self._window(segment, solution, unknowns) for segment in self.segments]
-        curves, losses, windows, sizes = zip(*drawn, strict=True)
-        weighted = [
-            (s.samples, part) for s, part in zip(self.segments, losses, strict=True) if part
-        ]
+        curves, losses, weights = list[Trajectories](), list[LossTerms](), 0
+        arrays: dict[str, FloatArray] = {}
+        for k, segment in enumerate(self.segments):
+            motion, disturbance = smoothed(self._at.form, unknowns, segment)
+            saved = {"disturbance": disturbance}
+            if not segment.blocks_missing:  # else the curves are the smoother's
+                motion, terms, network = drawn(segment, solution, self.config)
+                losses.append(terms)
+                saved, weights = network.arrays() | saved, max(weights, network.size)
+            curves.append(motion)
+            arrays |= for_window(saved, k)
         loss: dict[str, float] = {}
-        if len(weighted) == len(drawn):
-            samples = [count for count, _ in weighted]
-            rows = [list(part.values().values()) for _, part in weighted]
-            names = LossTerms(0.0, 0.0, 0.0).values()
-            loss = dict(zip(names, np.average(rows, axis=0, weights=samples), strict=True))
-        arrays = {name: array for k, saved in enumerate(windows) for name, array in
-                  for_window(saved, k).items()}  # fmt: skip
-        return {"curves": curves, "loss": loss, "arrays": arrays, "network_weights": max(sizes)}
-
-    def _window(
-        self, segment: Segment, solution: Solution, unknowns: FloatArray
-    ) -> tuple[Trajectories, LossTerms | None, dict[str, FloatArray], int]:
-        """The curves of a window, its Ψ, the arrays behind them and the number of weights."""
-        motion, disturbance = smoothed(self._at.form, unknowns, segment)
-        if segment.blocks_missing:
-            return motion, None, {"disturbance": disturbance}, 0
-        curves, loss, network = drawn(segment, solution, self.config)
-        return curves, loss, network.arrays() | {"disturbance": disturbance}, network.size
+        if len(losses) == len(self.segments):  # the mean by number of samples
+            samples = [segment.samples for segment in self.segments]
+            rows = [list(terms.values().values()) for terms in losses]
+            means = np.average(rows, axis=0, weights=samples)
+            loss = dict(zip(losses[0].values(), means, strict=True))
+        return {
+            "curves": tuple(curves), "loss": loss, "arrays": arrays, "network_weights": weights,
+        }  # fmt: skip
 
 
 def drawn(

@@ -25,7 +25,8 @@ import torch
 from numpy.typing import NDArray
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Estimate, HiddenLayersGain, Outcome, for_window
+from accpinn.methods.estimate import Estimate, Outcome, for_window
+from accpinn.methods.findings import HiddenLayersGain
 from accpinn.methods.pinn.config import CYCLE, USUAL_CYCLES, USUAL_ROUNDS, PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,

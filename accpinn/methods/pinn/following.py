@@ -39,7 +39,8 @@ import torch
 from numpy.typing import NDArray
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Estimate, MethodFinding, Undetermined
+from accpinn.methods.estimate import Estimate
+from accpinn.methods.findings import MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Fitted, Optimum, Seen, Surrogate
 from accpinn.methods.pinn.initial import initial_scores, values_of

@@ -22,7 +22,8 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from accpinn.methods import Segments
-from accpinn.methods.estimate import Checkpoint, Estimate, HoldoutLoss, for_window, of_window
+from accpinn.methods.estimate import Checkpoint, Estimate, for_window, of_window
+from accpinn.methods.findings import HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.initial import initial_scores, values_of
 from accpinn.methods.pinn.loss import (
@@ -135,8 +136,14 @@ class PaperTraining(LossTraining):
         self._adam = Adam(self._unknowns)
         self._lbfgs: torch.optim.LBFGS | None = None
         self._chunk = max(1, CHUNK // len(segments))
-        share, seed = config.test_share, config.seed
-        self._tests = [_draw_test(segment.samples, share, seed) for segment in segments]
+        self._tests: list[Mask] = []
+        """Of each window (N,) which instants are kept out."""
+        for segment in segments:  # the first instant stays in, as Ψ_R looks at it
+            random = np.random.default_rng(config.seed)
+            drawn = random.permutation(np.arange(1, segment.samples))
+            test = np.zeros(segment.samples, dtype=bool)
+            test[drawn[: round(config.test_share * segment.samples)]] = True
+            self._tests.append(test)
         pairs = [*zip(self.windows, self._tests, strict=True)]
         self._train = [Part.of(data, ~test) for data, test in pairs]
         self._kept_out = [Part.of(data, test) for data, test in pairs]
@@ -277,11 +284,3 @@ class PaperTraining(LossTraining):
         self._adam.load_arrays(state)
         self._iteration = int(state["iteration"])
         self._note("Adam" if self._iteration <= self.config.iterations else "L-BFGS")
-
-
-def _draw_test(count: int, share: float, seed: int) -> Mask:
-    """(count,) which instants are kept out; the first one stays in, as Ψ_R looks at it."""
-    test = np.zeros(count, dtype=bool)
-    drawn = np.random.default_rng(seed).permutation(np.arange(1, count))
-    test[drawn[: round(share * count)]] = True
-    return test

@@ -20,7 +20,8 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.methods import TYPICAL_SAMPLES, Method, Segments, TaskContext
-from accpinn.methods.estimate import Continued, Estimate, Outcome, Recorder, of_window
+from accpinn.methods.estimate import Estimate, Outcome, Recorder, of_window
+from accpinn.methods.findings import Continued
 from accpinn.methods.forecast import CURVES, PARAMETERS, Pace, Phase
 from accpinn.methods.pinn.calibrated import FIRST_ROUNDS, FURTHER_ROUNDS, CalibratedTraining
 from accpinn.methods.pinn.config import (

@@ -8,7 +8,8 @@ import pytest
 from accpinn.evaluation.closed_loop import closed_loop, surrogate_errors
 from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods import Segments, forecast
-from accpinn.methods.estimate import Outcome, Progress, WeaklyDetermined, of_window
+from accpinn.methods.estimate import Outcome, Progress, of_window
+from accpinn.methods.findings import WeaklyDetermined
 from accpinn.methods.forecast import CURVES, PARAMETERS
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.calibrated import CalibratedTraining

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.methods.estimate import Undetermined
+from accpinn.methods.findings import Undetermined
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.pinn.following import FollowingFast
 from accpinn.methods.registry import METHODS

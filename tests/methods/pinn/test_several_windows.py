@@ -9,7 +9,8 @@ import pytest
 
 from accpinn import METHODS, Case, Estimate, Parameters, Store
 from accpinn.methods import Segments, TaskContext, forecast
-from accpinn.methods.estimate import Continued, Outcome, Progress, Undetermined, of_window
+from accpinn.methods.estimate import Outcome, Progress, of_window
+from accpinn.methods.findings import Continued, Undetermined
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.model.registry import FOLLOWING

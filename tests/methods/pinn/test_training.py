@@ -12,14 +12,8 @@ from accpinn import METHODS, Case, Estimate, Parameters, PinnConfig, Segment, St
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import splines
-from accpinn.methods.estimate import (
-    Checkpoint,
-    Continued,
-    HiddenLayersGain,
-    HoldoutLoss,
-    Outcome,
-    Progress,
-)
+from accpinn.methods.estimate import Checkpoint, Outcome, Progress
+from accpinn.methods.findings import Continued, HiddenLayersGain, HoldoutLoss
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.pinn.fast import FastTraining

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.methods.estimate import Outcome, Undetermined
+from accpinn.methods.estimate import Outcome
+from accpinn.methods.findings import Undetermined
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
