@@ -1,7 +1,7 @@
 """Estimation methods behind one signature: windows, a case and settings in, an `Estimate` out.
 
 What a `Method` is to the rest of the package: a name, a function and its settings. Adding a method
-is one module with a `METHOD` beside this one, and one line in `registry`.
+is one module with a `METHOD` beside this one, its import and its entry in `registry`.
 """
 
 import time

@@ -2,7 +2,8 @@
 
 The model of `state_space` says how probable a recording is, disturbance and noise included, and
 its Kalman filter computes it exactly. So α, ατ and β are sought together with the size, memory and
-rise of the disturbance and the receivers' noise (see `likelihood`).
+rise of the disturbance and the receivers' noise: `likelihood` has the criterion and the search,
+this module where searches start and what an estimate of several series is.
 
 One set of parameters may hold for several series: the followers of a platoon (Case I), or several
 windows of one vehicle. Their log-likelihoods add up; disturbance and noise are shared as well.

@@ -105,7 +105,10 @@ TERM_RANGES: dict[Term, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class FollowingModel:
-    """A car-following model; an entry of `model.registry`."""
+    """A car-following model: all that is its own, which the rest of the package asks of it.
+
+    Its instances are the entries of `model.registry`; those of the CTHP are `ConstantTimeHeadway`.
+    """
 
     key: str
     """Its name on the command line and in files."""

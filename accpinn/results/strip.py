@@ -76,7 +76,7 @@ class StripRow:
     """One vehicle, or all that share their parameters."""
 
     place: int
-    """Its index among the vehicles, 0 for the first."""
+    """Its index among the followers, 0 for the one behind the leader."""
     number: int
     """In the recording; 0 for all followers together."""
     label: str

@@ -123,9 +123,9 @@ def _show_training(workspace: Workspace) -> None:
     if training:
         monitor(training)
     if result:
-        is_saved = result is workspace.restored
+        is_snapshot = bool(result.id)
         show_result(
-            workspace, result, "train", lambda: result if is_saved else workspace.as_snapshot(),
+            workspace, result, "train", lambda: result if is_snapshot else workspace.as_snapshot(),
             lambda: _next_button(workspace, result),
             {"Validation": lambda: _show_validation(workspace)},
         )  # fmt: skip
