@@ -135,7 +135,8 @@ def drives(limits: Limits) -> Iterator[Drive]:
     omega = first * np.exp(rate * time)
     amplitudes = np.minimum(half, limits.acceleration / omega)
     chirp = middle + amplitudes * np.sin((omega - first) / rate)
-    yield Drive(f"chirp from {first:g} to {last:g} rad/s", _driven(chirp, limits))
+    kind = f"chirp from {first:g} to {last:g} rad/s, {limits.acceleration:g} m/s²"
+    yield Drive(kind, _driven(chirp, limits))
     rng = np.random.default_rng(0)
     for number in range(1, STAIRCASES + 1):
         speeds, wanted = np.linspace(low, high, LEVELS), np.empty(len(time))

@@ -18,6 +18,9 @@ a lag alone and B = β² + 2α the end is √B where 4λ²B ≤ 1, otherwise λB
 
 Exactly L∞ stable is where ‖h‖₁ = 1, up to `RESOLVED` with a lag or a delay; that τ is bracketed
 and found on the logarithm of ‖h‖₁ - 1. As ‖h‖₁ ≥ ‖H‖∞ it is never below that of L₂.
+
+Sources: Swaroop and Hedrick, IEEE Transactions on Automatic Control 41 (1996) 349-357, for string
+stability; the boundaries with a lag or a delay are derived here.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -54,9 +57,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LOW, HIGH = 48, 64
-"""Frequencies up to those that vehicles without a delay amplify, and up to a phase of π of it."""
+"""Numbers of grid frequencies: LOW up to BEYOND·√(β² + 2α), HIGH up to π/d."""
 BEYOND = 1.3
-"""Highest of the former, relative to √(β² + 2α)."""
+"""Highest of the former, relative to √(β² + 2α), which no vehicle without a delay amplifies."""
 SHORTEST: Seconds = 0.01
 """Shorter delays count as this one where frequencies are chosen."""
 GOLDEN, SECTIONS = (5**0.5 - 1) / 2, 36
@@ -69,8 +72,14 @@ SECANTS = 7
 """Steps by which it is found between two of these, to about a thousandth of it."""
 THINNED = 200
 """Draws that are taken of a vehicle with a lag or a delay for L∞, and of a platoon."""
-CHANGES = np.array([-4, -2, -1.5, -1, -0.7, -0.4, -0.2, 0, 0.2, 0.4, 0.7, 1, 1.5, 2, 3, 5, 8, 15.0])
-"""Changes of all time gaps in s between which that of a platoon is looked for."""
+NARROW = np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0])
+CHANGES = np.concatenate([-NARROW[::-1], [0.0], NARROW, [5.0, 6.5, 8.0, 10.0, 15.0]])
+"""Changes of all time gaps in s between which that of a platoon is looked for.
+
+A range of stable or unstable changes that lies between two of these is not found.
+"""
+UNCHANGED = len(NARROW)
+"""Place of no change."""
 HALVINGS = 14
 """Number of halvings of such an interval: to a ten-thousandth of it."""
 SLOWEST = 1e-6
@@ -123,8 +132,9 @@ class Margins(Displayed):
     """Level of the intervals, whose ends are nan for a point without draws."""
     vehicles: tuple[VehicleMargin, ...]
     platoon: Quantity | None = None
-    """Largest reduction of all time gaps with no frequency larger at the last follower than
-    at the leader, in s; negative where they need to be larger. None of a single vehicle."""
+    """By how much all time gaps could be smaller with no frequency larger at the last follower than
+    at the leader, in s; negative where they must be larger; -inf where no larger ones help. None
+    of a single vehicle."""
     names: tuple[str, ...] = field(default=())
     """(M,) of the vehicles, where they have any."""
     numbers: tuple[int, ...] = field(default=())
@@ -190,7 +200,7 @@ class Headways(NamedTuple):
 def l2_headways(parameters: Parameters) -> Headways:
     """The L₂ stable τ of V vehicles with all else kept, from the smallest one on.
 
-    Where α = 0 it is any or none, as τ has no effect. The parameters' own τ is not used elsewhere.
+    Where α = 0 it is any or none, as τ has no effect. τ of the argument is ignored where α > 0.
     """
     flat = parameters.flat
     alpha, lag, delay = flat.alpha, flat.lag, flat.delay
@@ -378,13 +388,16 @@ def _linf_of_late(parameters: Parameters, l2: Headways) -> FloatArray:
     if not rows.size:
         return smallest
     a, b, fa, fb = low[rows], high[rows], low_value[rows], high_value[rows]
+    replaced = np.zeros((2, len(rows)), bool)  # whether a, b are of the last step
     for _ in range(SECANTS):
         share = np.clip(fa / (fa - fb), 0.05, 0.95)
         tau = a + share * (b - a)
         value = _excess(parameters[rows], tau)
         stable = value <= 0
         # By the Illinois rule: the value of an end that stays twice is halved.
-        fb, fa = np.where(stable, value, 0.5 * fb), np.where(stable, 0.5 * fa, value)
+        fa = np.where(stable, np.where(replaced[1], 0.5, 1.0) * fa, value)
+        fb = np.where(stable, value, np.where(replaced[0], 0.5, 1.0) * fb)
+        replaced = np.array([~stable, stable])
         b, a = np.where(stable, tau, b), np.where(stable, a, tau)
     smallest[rows] = b
     return smallest
@@ -564,9 +577,10 @@ def _independent(draws: Parameters) -> Parameters:
 
 
 def _platoon_distance(parameters: Parameters) -> FloatArray:
-    """(n,) by how much all τ of platoons (n, M) could be smaller, in s; negative where unstable.
+    """(n,) by how much all τ of platoons (n, M) could be smaller, in s.
 
-    It is -inf where no change within `CHANGES` is enough, and inf where any is.
+    It is negative where they must be larger, -inf where the platoon is unstable and no larger τ
+    within `CHANGES` helps, and inf where it is stable with all smaller ones.
     """
     alpha, beta, tau, _, lag, delay = np.moveaxis(parameters.complete, -1, 0)
     tau, silent = np.where(alpha > 0, tau, 0.0), (alpha == 0) & (beta == 0)
@@ -594,13 +608,17 @@ def _platoon_distance(parameters: Parameters) -> FloatArray:
         decays |= silent | ((lag == 0) & (delay == 0) & (total > 0))
         return np.asarray((lost >= 0).all(axis=1) & decays.all(axis=1))
 
-    count = len(alpha)
+    count, steps = len(alpha), np.arange(len(CHANGES))[:, None]
     verdicts = np.array([is_stable(np.full(count, change)) for change in CHANGES])
-    first = verdicts.argmax(axis=0)
+    # The boundary below where a platoon is stable, otherwise the next one above.
+    now = verdicts[UNCHANGED]
+    from_here = verdicts & (now | (steps > UNCHANGED))
+    below = np.where(~verdicts & (steps < UNCHANGED), steps, -1).max(axis=0)
+    first = np.where(now, below + 1, from_here.argmax(axis=0))
     high, low = CHANGES[first], CHANGES[np.maximum(first - 1, 0)]
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
         stable = is_stable(middle)
         high, low = np.where(stable, middle, high), np.where(stable, low, middle)
-    distance = np.where(verdicts.any(axis=0), -high, -np.inf)
-    return np.asarray(np.where(first == 0, np.where(verdicts[0], np.inf, distance), distance))
+    distance = np.where(from_here.any(axis=0), -high, -np.inf)
+    return np.asarray(np.where(now & (first == 0), np.inf, distance))

@@ -46,6 +46,15 @@ def test_every_drive_keeps_its_limits() -> None:
     assert len({drive.kind for drive in offered}) == len(offered)
 
 
+def test_drives_of_a_kind_are_alike_at_any_acceleration() -> None:
+    strong = {drive.kind: drive.speed for drive in drives(Limits())}
+    gentle = {drive.kind: drive.speed for drive in drives(Limits(acceleration=1.0))}
+    both = strong.keys() & gentle.keys()
+    assert both  # sinusoids so slow that both have the whole range of speeds
+    for kind in both:
+        np.testing.assert_allclose(strong[kind], gentle[kind], atol=0.05)
+
+
 def test_a_drive_without_motion_tells_less(proposed: NextDrive, result: Result) -> None:
     assert proposed.gain > proposed.motorway_gain
     gains = [gain for _, gain in proposed.offered]

@@ -170,6 +170,26 @@ def test_the_platoon_is_weakly_stable_from_its_margin_on(delay: float) -> None:
     assert margins(row(NO_REACTION, AUDI), 20.0).platoon.value == inf
 
 
+@pytest.mark.parametrize("tau", [1.2, 1.5, 2.5, 3.3, 3.6, 4.0])
+def test_the_margin_of_two_equal_cars_is_that_of_each(tau: float) -> None:
+    car = Parameters([0.3], [0.6], [tau], delay=0.6)
+    (alone,) = margins(car, 20.0).vehicles
+    together = margins(row(car, car), 20.0).platoon
+    assert together.value == pytest.approx(alone.l2.distance.value, abs=2e-3)
+    assert (alone.l2.state is State.TOO_LONG) == (tau > 3.4)
+
+
+def test_a_platoon_has_a_margin_of_zero_or_more_exactly_where_it_is_weakly_stable() -> None:
+    cars = drawn(100, 6, delay=0.8)
+    found = []
+    for pair in range(0, 100, 2):
+        platoon = cars[pair : pair + 2]
+        found.append(margins(platoon, 20.0).platoon.value)
+        assert (found[-1] >= 0) == stability_report(platoon).platoon.l2_weak.stable, pair
+    found = np.array(found)
+    assert min((found == -inf).sum(), (found >= 0).sum(), np.isfinite(found[found < 0]).sum()) > 3
+
+
 def test_margins_are_a_frame_and_lines() -> None:
     found = margins(ASTAZERO.parameters, 25.0, names=ASTAZERO.names, numbers=(2, 3, 4, 5))
     frame = found.to_frame()
