@@ -171,7 +171,7 @@ def next_drive(
     is_shared = info.shares(estimate.case)
     return NextDrive(
         0 if is_shared else info.vehicles[k + 1],
-        "all followers" if is_shared else info.names[k + 1],
+        "all followers" if is_shared else info.labels[k + 1],
         best.drive.kind,
         limits.time,
         best.drive.speed,
