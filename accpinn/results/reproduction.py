@@ -314,14 +314,14 @@ def verdict(learned: Mapping[PrintedItem, Parameters | None]) -> str:
     """How far the paper's tables are reproduced, in a line; parameters by table, None before."""
     printed = [part for item in learned for part in item.verdicts]
     agreeing, count = sum(p.agreeing for p in printed), sum(2 * len(p.vehicles) for p in printed)
-    recomputed = f"The printed parameters give {agreeing} of the {count} printed verdicts."
     pairs = [(item.verdicts[0], row) for item, row in learned.items() if row is not None]
     if not pairs:
-        return f"None of {len(learned)} tables learned from its recording yet. {recomputed}"
+        given = f"The printed parameters give {agreeing} of the {count} printed verdicts."
+        return f"None of {len(learned)} tables learned from its recording yet. {given}"
     off = max(float(np.abs(deviations(*pair)).max()) for pair in pairs)
     what = "all tables" if len(pairs) == len(learned) else f"{len(pairs)} of {len(learned)} tables"
     tick = f"{TICK} " if off <= TOLERANCE and len(pairs) == len(learned) else ""
-    return f"{tick}Learned: {what} within {100 * off:.0f} %. {recomputed}"
+    return f"{tick}Learned: {what} within {100 * off:.0f} %. {agreeing} of {count} verdicts agree."
 
 
 def compared_peaks(learned: Parameters | None) -> Comparison:

@@ -178,7 +178,7 @@ def test_waves_by_a_model_of_either_direction_hold_few_words(opened: Open) -> No
     page = opened("/Stability")
     page.set_viewport_size({"width": 1440, "height": 900})
     button(page, "Open a published example").click()
-    page.get_by_text("By hand", exact=True).click()
+    page.get_by_role("radio", name="By hand").click()
     button(page, "Parameters").click()
     choose(page, "Model", "CTHP with unequal gains and delay")
     page.keyboard.press("Escape")

@@ -29,6 +29,13 @@ def models_table(judgements: Judgements, reference: str | None = None) -> Table:
 
     Errors are geometric means over a vehicle's windows, then over vehicles. The gap error beside
     the reference, by default the first model, has the ends of one standard error.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> found = accpinn.judge(recording, ("cthp", "cthp-s0"), [(0, 60), (60, 120)], "1-2")
+        >>> accpinn.models_table(found).to_frame().gap_rmse_m.round(2).tolist()
+        [0.18, 0.93]
     """
     rows = judgements.summary(reference)
     if not rows:
@@ -68,6 +75,13 @@ def pairs_table(judgements: Judgements) -> Table:
     """By how much the gap error of each model exceeds that of each other, in %.
 
     A row's model beside a column's, with the ends of one standard error over vehicles.
+
+    Examples:
+        >>> import accpinn
+        >>> recording = accpinn.sample("motorway")
+        >>> found = accpinn.judge(recording, ("cthp", "cthp-s0"), [(0, 60), (60, 120)], "1-2")
+        >>> accpinn.pairs_table(found).to_frame().shape
+        (2, 7)
     """
     keys = [row.key for row in judgements.summary()]
 
