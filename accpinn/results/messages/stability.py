@@ -164,7 +164,7 @@ def about_margin(subject: AssessedVehicles) -> str:
 
 
 def waves_in_words(found: Waves) -> str:
-    """How much the two directions of a wave grow by the vehicle that amplifies most."""
+    """How much the two halves of a wave grow by the vehicle that amplifies most."""
     pairs = zip(found.names, found.vehicles, strict=True)
     grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
     judged = [row for row in grow if not isnan(row[0] + row[1])]
@@ -173,8 +173,8 @@ def waves_in_words(found: Waves) -> str:
     braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
     most = " most" if len(grow) > 1 else ""
     return (
-        f"{name} amplifies{most}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
-        f" an accelerating one {grown(accelerating)}."
+        f"{name} amplifies{most}: of a sinusoid of {3.6 * size:.0f} km/h ahead the lower half"
+        f" (braking) grows {grown(braking)}, the upper half (accelerating) {grown(accelerating)}."
     )
 
 
@@ -182,7 +182,7 @@ WAVES = (
     "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
     " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
     " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
-    " peak of |H|."
+    " peak of |H|. None where a gap or a speed would fall below 0, or no motion settles."
 )
 """What the growth of waves is."""
 MARGIN = (
