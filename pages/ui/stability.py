@@ -120,7 +120,7 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
     st.caption(escape_markdown(assumed))
     show.cautions(contradictions(result))
     if result:
-        against = words.against_measured(source.checks, result.info)
+        against = words.measured_gain_sentences(source.checks, result.info)
         st.caption("  \n".join(map(escape_markdown, against)))
 
 

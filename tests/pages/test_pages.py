@@ -143,8 +143,8 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert page.button(key="paper_TableI_run").disabled, "no such recording is at hand"
     page.press("paper_TableI_starts")
     assert len(session.segment.vehicles) == 2
-    assert session.starts.wait(WAIT)
-    found = [start.parameters.alpha[0] for start in session.starts.results]
+    assert session.restarts.wait(WAIT)
+    found = [start.parameters.alpha[0] for start in session.restarts.results]
     assert found == pytest.approx([0.08] * 5, rel=0.02)
     shown = open_page("Compare", session).open_tab("compare_tabs", "Repeatability").plain()
     assert "All 5 trainings end within" in shown

@@ -8,8 +8,8 @@ from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.measured_growth import DIFFERENT
 from accpinn.model.published import ParameterSet
-from accpinn.results.objections import against_measured as against_measured
 from accpinn.results.objections import against_model
+from accpinn.results.objections import measured_gain_sentences as measured_gain_sentences
 from accpinn.stability import (
     Assessment,
     Behaviour,
