@@ -62,10 +62,10 @@ def car(seed: int) -> dict[str, FloatArray]:
         return {name: np.full(len(KEYS), np.nan) for name in NAMES_OF_ROWS}
     time = SIMULATION_STEP * np.arange(round(LENGTH / SIMULATION_STEP) + 1)
     ahead = np.interp(time, STEP * np.arange(len(proposed.speed)), proposed.speed)
-    half = {row.name: (row.drive_alone, row.motorway_alone) for row in proposed.narrowing}
+    widths = {row.name: row.relative_width for row in proposed.narrowing}
     row = {
         "truth": _values(Parameters(*true.values, USUAL.standstill, 0.0, USUAL.delay)),
-        "predicted": np.array([half[key][0] / half[key][1] for key in KEYS]),
+        "predicted": np.array([widths[key] for key in KEYS]),
     }
     for name, driving, k in (("drive", ahead, 1), ("motorway", MOTORWAY, 2)):
         segment = disturbed([true], 3 * seed + k, USUAL, driving, LENGTH)

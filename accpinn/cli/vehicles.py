@@ -28,9 +28,9 @@ from accpinn.results.messages.platoon import (
 )
 from accpinn.results.messages.stability import (
     about_margin,
-    against_measured,
     explained,
     headline,
+    measured_gain_sentences,
     platoon_reasons,
     reason,
     reasons,
@@ -259,7 +259,7 @@ def _report_text(subject: AssessedVehicles) -> str:
         lines += [explained(subject)] if explained(subject) else []
     lines += [waves_in_words(subject.waves)] if subject.waves else []
     lines += contradictions(subject.result)
-    lines += against_measured(subject.checks, vehicles)
+    lines += measured_gain_sentences(subject.checks, vehicles)
     for k, (label, verdicts) in enumerate(reasons(subject)):
         for verdict, why in verdicts:
             title = verdict.criterion.value

@@ -12,8 +12,11 @@ has φ ~ N(m, W), of which the car's typical value μ has the covariance V. Afte
 
     W' = (W⁻¹ + J)⁻¹,   V' = V - V W⁻¹ V + V W⁻¹ W' W⁻¹ V,   gain = ½ E ln |1 + W J|
 
-The gain in nats, Lindley's expected information, is averaged over draws of φ from what is known of
-the car, each with a disturbance and noise of its own; among the drives on offer the best has most.
+The gain in nats is about the drive's φ: the normal approximation of Lindley's expected information,
+averaged over draws of φ from the prior, each with a disturbance and noise of its own. Among the
+drives on offer the best has most. V' needs Cov(μ, φ) = V: what differs between windows is
+independent of the car's typical value.
+
 Drives are steps, sinusoids, chirps and staircases within limits of speed and acceleration, and
 mixtures of the best of these. None is offered behind which a simulated car comes too close.
 
@@ -52,10 +55,10 @@ MIXED = 6
 """Drives of one kind of which each two make a mixture."""
 DRAWS = 8
 """Draws of a car for which a drive is assessed."""
-LEAST_GAP: Metres = 3.0
-"""Least gap of a simulated car behind a drive on offer."""
+TOO_CLOSE: Metres = 3.0
+"""Gap of a simulated car down to which a drive is not on offer."""
 UNLIKELY = 1
-"""Draws that may come closer: what is known of the car may be little."""
+"""Draws that may come closer: the posterior of the car may be wide."""
 GENTLE = 0.5
 """Share of the largest acceleration with which drives are offered as well."""
 LEAST_TAU: Seconds = 0.1
@@ -87,8 +90,8 @@ class Assessed:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What is known of a car before a drive."""
+class Prior:
+    """What a posterior says of a car before a drive."""
 
     spec: ModelSpec
     draws: FloatArray
@@ -167,34 +170,34 @@ def _driven(wanted: FloatArray, limits: Limits) -> FloatArray:
     return np.asarray(np.convolve(padded, np.full(width, 1.0 / width), mode="valid"))
 
 
-def best_drives(known: Known, limits: Limits, others: Sequence[Drive] = ()) -> list[Assessed]:
+def best_drives(prior: Prior, limits: Limits, others: Sequence[Drive] = ()) -> list[Assessed]:
     """The drives on offer and their mixtures, the best first; ``others`` stand at the end.
 
     Those behind which a car comes too close are left out, if need be all.
     """
-    assessment = Assessment(known, limits)
+    assessment = Assessment(prior, limits)
     gentle = replace(limits, acceleration=GENTLE * limits.acceleration)
     kinds = {drive.kind: drive for part in (limits, gentle) for drive in drives(part)}
     single = [assessment.of(drive) for drive in kinds.values()]
-    single = sorted((a for a in single if a.smallest_gap > LEAST_GAP), key=lambda a: -a.gain)
+    single = sorted((a for a in single if a.smallest_gap > TOO_CLOSE), key=lambda a: -a.gain)
     mixed = [
         assessment.of(mixture(first.drive, second.drive, limits))
         for first, second in permutations(single[:MIXED], 2)
     ]
-    offered = [*single, *(a for a in mixed if a.smallest_gap > LEAST_GAP)]
+    offered = [*single, *(a for a in mixed if a.smallest_gap > TOO_CLOSE)]
     return [*sorted(offered, key=lambda a: -a.gain), *map(assessment.of, others)]
 
 
 class Assessment:
     """The expected information of drives about one car."""
 
-    def __init__(self, known: Known, limits: Limits) -> None:
+    def __init__(self, prior: Prior, limits: Limits) -> None:
         """Choose the draws, and draw the disturbance and the noise that they have in all drives."""
-        self.known, form = known, known.spec.model
-        self.covariance = spread_of_draws(known.draws[:, known.free])
-        rows = np.linspace(0, len(known.draws) - 1, DRAWS).astype(int)
-        self.phi = known.draws[rows]
-        self.z = _unknowns(form, self.phi, known.unknowns)
+        self.prior, form = prior, prior.spec.model
+        self.covariance = spread_of_draws(prior.draws[:, prior.free])
+        rows = np.linspace(0, len(prior.draws) - 1, DRAWS).astype(int)
+        self.phi = prior.draws[rows]
+        self.z = _unknowns(form, self.phi, prior.unknowns)
         self.values = np.exp(self.z)
         self.values[:, len(COMMON) :] = self.z[:, len(COMMON) :]
         model = state_space(form, self.values, STEP)
@@ -222,7 +225,7 @@ class Assessment:
         """What is expected of a drive."""
         measured = self._simulated(drive.speed) + self.noise
         series = Series(measured, tuple(range(DRAWS)), SPACING)
-        criterion = Criterion(series, self.known.spec, is_flat=True)
+        criterion = Criterion(series, self.prior.spec, is_flat=True)
         _, _, information = criterion.score(self.z, np.arange(DRAWS))
         about = self._about_coordinates(information)
         inside = np.eye(about.shape[1]) + self.covariance @ about
@@ -249,23 +252,22 @@ class Assessment:
     def _about_coordinates(self, information: FloatArray) -> FloatArray:
         """(D, p, p) about the free coordinates, disturbance and noise being unknown, too."""
         size = information.shape[1]
-        mine = np.array([0, 1, 2, *range(len(COMMON), size)])
-        rest = np.arange(3, len(COMMON))
-        across = information[:, mine[:, None], rest]
-        own = information[:, mine[:, None], mine]
-        known = own - across @ np.linalg.solve(
-            information[:, rest[:, None], rest], across.transpose(0, 2, 1)
+        places = np.array([0, 1, 2, *range(len(COMMON), size)])
+        nuisance = np.arange(3, len(COMMON))
+        across = information[:, places[:, None], nuisance]
+        complement = information[:, places[:, None], places] - across @ np.linalg.solve(
+            information[:, nuisance[:, None], nuisance], across.transpose(0, 2, 1)
         )
         # ln ατ = ln α + ln τ with τ = G - s₀/v, by φ = (ln α, ln β, ln G, further terms).
-        slopes = np.zeros((len(known), len(mine), len(mine)))
+        slopes = np.zeros((len(complement), len(places), len(places)))
         slopes[:, 0, 0] = slopes[:, 1, 0] = slopes[:, 2, 1] = 1.0
         tau, gap = self.values[:, 1] / self.values[:, 0], np.exp(self.phi[:, 2])
         slopes[:, 1, 2] = gap / tau
-        slopes[:, range(3, len(mine)), range(3, len(mine))] = 1.0
-        if "s0" in FOLLOWING[self.known.spec.model].terms:
+        slopes[:, range(3, len(places)), range(3, len(places))] = 1.0
+        if "s0" in FOLLOWING[self.prior.spec.model].terms:
             slopes[:, 1, 3] = -1.0 / AT_SPEED / tau
-        about = slopes.transpose(0, 2, 1) @ known @ slopes
-        free = np.flatnonzero(self.known.free)
+        about = slopes.transpose(0, 2, 1) @ complement @ slopes
+        free = np.flatnonzero(self.prior.free)
         return np.asarray(about[:, free[:, None], free])
 
 
@@ -295,11 +297,11 @@ def spread_of_draws(draws: FloatArray) -> FloatArray:
 def after_drive(
     typical: FloatArray, further: FloatArray, information: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariances (D, p, p) of the typical value and of the drive's own, see the head.
+    """Covariances (D, p, p) of the typical value and of the drive's φ, see the head.
 
     Before it they are ``typical`` and ``further`` (p, p); the information is (D, p, p).
     """
     inverse = np.linalg.inv(further)
-    own = np.asarray(np.linalg.inv(inverse + information), float)
+    driven = np.asarray(np.linalg.inv(inverse + information), float)
     pull = typical @ inverse
-    return np.asarray(typical - pull @ typical.T + pull @ own @ pull.T), own
+    return np.asarray(typical - pull @ typical.T + pull @ driven @ pull.T), driven

@@ -33,17 +33,18 @@ from accpinn.stability.measured_gain import LEVEL, MeasuredGain, is_reference
 from accpinn.units import FloatArray, Mask, Quantity, RadiansPerSecond, frozen
 
 ERROR = 0.3
-"""Deviation of the logarithm of the gain from that of a model; 2.6 dB."""
+"""Deviation of the logarithm of the gain from that of a model; 2.6 dB, about what
+`bench.platoon` finds in windows left out."""
 WIDTH = 0.2
 """Range in x within which it changes."""
 BEND: RadiansPerSecond = 0.2
-"""Frequency below which x is even in ω, and above which in ln ω."""
+"""Frequency below which x is about linear in ω, and above which about linear in ln ω."""
 NEIGHBOURS = 0.25
 """ρ, the correlation of the noise at neighbouring frequencies."""
 ROUNDING = 1e-9
 """Least variance of a measurement."""
 SURE = 1 / 3
-"""Share of the deviation of a model's gain below which a gain counts as measured."""
+"""Share of `ERROR` below which the deviation of a gain counts as a measurement's; a choice."""
 DIFFERENT = 1 / 3
 """Share of the frequencies beyond which cars and platoon differ; chance has a tenth."""
 COMPARED: tuple[RadiansPerSecond, RadiansPerSecond] = (0.06, 0.8)
@@ -181,14 +182,15 @@ def corrected_gains(
         return np.asarray(error**2 * np.exp(-0.5 * apart**2))
 
     for k, pair in enumerate(pairs):
-        if pair is None:
-            continue
-        noise = _noise(pair)
-        used = np.isfinite(noise) & (pair.gain > 0)
-        at, noise = np.append(0.0, pair.omega[used]), np.append(0.0, noise[used])
-        model = np.abs(response(parameters[[k]], at[1:]))[0]
-        ratio = np.append(0.0, np.log(pair.gain[used] / model))
-        distance = np.abs(at[:, None] - at) / pair.omega[0]
+        # Every car passes on what does not oscillate: the model is right at ω = 0.
+        at, ratio, noise, spacing = np.zeros(1), np.zeros(1), np.zeros(1), 1.0
+        if pair:
+            errors, spacing = _noise(pair), float(pair.omega[0])
+            used = np.isfinite(errors) & (pair.gain > 0)
+            at, noise = np.append(at, pair.omega[used]), np.append(noise, errors[used])
+            model = np.abs(response(parameters[[k]], at[1:]))[0]
+            ratio = np.append(ratio, np.log(pair.gain[used] / model))
+        distance = np.abs(at[:, None] - at) / spacing
         shared = np.where(distance < 0.5, 1.0, np.where(distance < 1.5, NEIGHBOURS, 0.0))
         of_data = covariance(at, at) + shared * np.outer(noise, noise)
         factor = cho_factor(of_data + ROUNDING * np.eye(len(at)))

@@ -79,7 +79,7 @@ def against_model(subject: AssessedVehicles, numbers: Sequence[int] = ()) -> Ite
         yield Objection("measured gain higher", said)
 
 
-def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
+def measured_gain_sentences(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
     """What the measured gain says of each vehicle; of those without a comparison at once."""
     none = [check for check in checks if check.frequencies < LEAST]
     alone = [check for check in checks if check not in none or len(none) == 1]

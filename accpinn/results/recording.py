@@ -33,7 +33,7 @@ from accpinn.segment.quality import (
 from accpinn.segment.windows import Suggestion
 from accpinn.study.vehicles import by_hand, where
 
-GRADED: Mapping[Question, Sequence[str]] = {
+_LABELS_OF_GRADES: Mapping[Question, Sequence[str]] = {
     "complete": ("Samples complete", "Samples measured", "Samples measured"),
     "excited": ("Excitation sufficient", "Excitation small", "Excitation insufficient"),
     "following": ("Car-following", "Not only car-following", "Little car-following"),
@@ -41,8 +41,9 @@ GRADED: Mapping[Question, Sequence[str]] = {
     "consistent": ("Gaps consistent with speeds", "Gaps computed from speeds",
                    "Gaps contradict speeds", "Consistency not known"),
 }  # fmt: skip
-WORDS: Mapping[Question, Mapping[Grade, str]] = {
-    question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
+LABELS: Mapping[Question, Mapping[Grade, str]] = {
+    question: dict(zip(Grade, labels, strict=False))
+    for question, labels in _LABELS_OF_GRADES.items()
 }
 """Label of each rating by grade, from good to unknown."""
 MEANING: Mapping[Question, str] = {
@@ -66,7 +67,7 @@ MEANING: Mapping[Question, str] = {
     ),
 }
 """Meaning of each question."""
-FIGURES: Mapping[Question, Column] = {
+QUANTITIES: Mapping[Question, Column] = {
     "complete": Column("Samples measured", "%", 1),
     "excited": Column("Condition number", "", 0),
     "following": Column("Car-following", "%", 0),
@@ -100,9 +101,9 @@ class RatedWindow:
         return max(grades, key=known_grades.index, default=Grade.UNKNOWN)
 
 
-def figure_of(rating: Rating) -> str:
+def quantity_of(rating: Rating) -> str:
     """The quantity of a rating with its unit, as "98.3 %"."""
-    column, value = FIGURES[rating.question], rating.figure
+    column, value = QUANTITIES[rating.question], rating.value
     if isnan(value):
         return ABSENT
     if column.unit != "%":
@@ -115,17 +116,17 @@ def figure_of(rating: Rating) -> str:
 
 def windows_table(source: str, rows: Sequence[RatedWindow]) -> Table:
     """One row a window: length, the quantity of each check, and whether it is used."""
-    figures = list[Filled]()
-    for place, column in enumerate(FIGURES.values()):
+    quantities = list[Filled]()
+    for place, column in enumerate(QUANTITIES.values()):
         factor = 100 if column.unit == "%" else 1
-        values = [row.ratings[place].figure if row.ratings else None for row in rows]
-        figures.append((column, [None if v is None else factor * v for v in values]))
+        values = [row.ratings[place].value if row.ratings else None for row in rows]
+        quantities.append((column, [None if v is None else factor * v for v in values]))
     return Table.of(
         f"{source}: windows",
         [
             (Column("Window"), [str(row.window) for row in rows]),
             (Column("Length", "s", 0), [row.window.duration for row in rows]),
-            *figures,
+            *quantities,
             (Column("In the training"), ["yes" if row.is_used else "no" for row in rows]),
         ],
     )

@@ -360,8 +360,8 @@ class Rating:
     grade: Grade
     findings: tuple[Finding, ...] = ()
     """Findings that say why it is not good."""
-    figure: float = nan
-    """The figure behind the answer, of several followers that of the worst; nan where unknown:
+    value: float = nan
+    """The quantity behind the answer, of several followers that of the worst; nan where unknown:
 
         complete      share of instants at which every speed and gap was measured
         excited       condition number

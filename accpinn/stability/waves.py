@@ -9,12 +9,17 @@ and with v = u - p' one equation for the gaps p is left, which Newton's method s
 derivatives. The mean of p follows, too: a model that reacts unequally keeps another mean gap in a
 wave than in equilibrium.
 
-Of a linear model this is |H|. Of any other the growth depends on the size A of the wave, and a
-braking wave (the speed falls below its mean) may grow otherwise than an accelerating one:
+Of a linear model this is |H|. Of any other the growth depends on the size A of the wave, and of a
+sinusoid ahead the lower half (braking) may grow otherwise than the upper half (accelerating), each
+relative to A:
 
     harmonic       |V₁| / A      the describing function, V₁ the first harmonic of v
     braking        -min(v - v̄) / A
     accelerating    max(v - v̄) / A
+
+All are infinite where a small deviation from the equilibrium does not decay. Whether the steady
+motion of a wave of finite size is itself stable is not checked. One in which a vehicle drives
+backwards or hits the one ahead counts as none.
 
 Sources: Trefethen, Spectral Methods in MATLAB, SIAM 2000, chapter 3, for the matrices; Gelb and
 Vander Velde, Multiple-Input Describing Functions, McGraw-Hill 1968.
@@ -31,6 +36,7 @@ from accpinn.display import Displayed
 from accpinn.errors import ParameterError
 from accpinn.model.following import COMPLEX_STEP, FollowingModel, Values
 from accpinn.stability.criteria import peaks
+from accpinn.stability.margin import is_damped
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, frozen
 
 if TYPE_CHECKING:
@@ -38,8 +44,13 @@ if TYPE_CHECKING:
 
 POINTS = 65
 """Instants of a period; odd, so that every harmonic has its sine and cosine."""
-ROUNDS, CONVERGED = 60, 1e-10
-"""Most steps of Newton's method, and the residual in m/s² at which it ends."""
+ROUNDS, CONVERGED = 60, 1e-7
+"""Most steps of Newton's method, and the residual in m/s² below which it has found a motion.
+
+Rounding leaves up to 5e-8 behind a lag at high frequencies.
+"""
+FINER = 16
+"""Instants a trigonometric polynomial is taken at for its peaks, per instant of `POINTS`."""
 SIZES = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Amplitudes in m/s at which growth is taken, up to `LARGEST` of the mean speed."""
 LARGEST = 0.4
@@ -74,7 +85,9 @@ def wave_growth(
     omega: Sequence[RadiansPerSecond] | FloatArray,
     amplitude: MetresPerSecond = 1.0,
 ) -> WaveGrowth:
-    """The growth of a sinusoid of some amplitude about a speed; nan where there is no steady wave.
+    """The growth of a sinusoid of some amplitude about a speed.
+
+    It is nan where there is no steady wave, and infinite where small deviations do not decay.
 
     Args:
         model: of the follower.
@@ -86,14 +99,19 @@ def wave_growth(
     Raises:
         ParameterError: without an equilibrium at the speed.
     """
-    phase = 2 * np.pi * np.arange(POINTS) / POINTS
+    omega, phase = np.asarray(omega, float), 2 * np.pi * np.arange(POINTS) / POINTS
+    _equilibrium(model, theta, speed)
+    if not is_damped(model.linearised(theta, speed)[None])[0]:
+        infinite = np.full(len(omega), np.inf)
+        return WaveGrowth(omega, infinite, infinite, infinite)
     rows = []
     for frequency in omega:
         wave = steady_wave(model, theta, speed, frequency, amplitude * np.sin(phase))
-        first = 2 * abs(np.exp(-1j * phase) @ wave) / POINTS
-        rows.append((first, -wave.min(), wave.max()))
+        spectrum = np.fft.rfft(wave)
+        between = FINER * np.fft.irfft(spectrum, FINER * POINTS)
+        rows.append((2 * abs(spectrum[1]) / POINTS, -between.min(), between.max()))
     harmonic, braking, accelerating = np.array(rows).reshape(-1, 3).T / amplitude
-    return WaveGrowth(np.asarray(omega, float), harmonic, braking, accelerating)
+    return WaveGrowth(omega, harmonic, braking, accelerating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +121,8 @@ class LargestGrowth:
     speed: MetresPerSecond
     """Mean speed."""
     amplitude: FloatArray
-    """(A,) in m/s; all below are nan where there is no steady wave."""
+    """(A,) in m/s; all below are nan where a frequency has no steady wave, so that the largest
+    growth is not known, and infinite where small deviations do not decay."""
     harmonic: FloatArray
     """(A,) of the first harmonic."""
     braking: FloatArray
@@ -119,7 +138,7 @@ class LargestGrowth:
         return float(self.amplitude[_nearest_usual(self.amplitude)])
 
     def at(self, amplitude: MetresPerSecond) -> tuple[float, float]:
-        """The growth of a braking and of an accelerating wave of a size between those taken."""
+        """The growth of the braking and of the accelerating half of a size between those taken."""
         braking, accelerating = (
             float(np.interp(amplitude, self.amplitude, part))
             for part in (self.braking, self.accelerating)
@@ -139,12 +158,12 @@ class Waves(Displayed):
 
     def __str__(self) -> str:
         """A line a vehicle."""
-        lines = ["Growth of waves, each at the frequency at which it grows most"]
+        lines = ["Growth of both halves of a sinusoid ahead, at the frequency of the largest"]
         for name, vehicle in zip(self.names, self.vehicles, strict=True):
             braking, accelerating = vehicle.at(vehicle.usual)
             lines.append(
                 f"  {name}, ±{3.6 * vehicle.usual:.0f} km/h about {3.6 * vehicle.speed:.0f} km/h:"
-                f" a braking wave {braking:.2f}-fold, an accelerating one {accelerating:.2f}-fold"
+                f" lower (braking) {braking:.2f}-fold, upper (accelerating) {accelerating:.2f}-fold"
             )
         return "\n".join([*lines, "More: .to_frame(), .vehicles[0].harmonic"])
 
@@ -200,16 +219,14 @@ def largest_growth(
     omega = np.geomspace(SLOWEST, FASTEST, COARSE)
     if not np.isfinite(theta).all():
         none = np.full(len(omega), np.nan)
-        of_sizes, unknown = np.full(len(sizes), np.nan), WaveGrowth(omega, none, none, none)
-        return LargestGrowth(speed, sizes, of_sizes, of_sizes, of_sizes, unknown)
+        of_sizes, by_frequency = np.full(len(sizes), np.nan), WaveGrowth(omega, none, none, none)
+        return LargestGrowth(speed, sizes, of_sizes, of_sizes, of_sizes, by_frequency)
     top = float(peaks(model.linearised(theta, speed)[None]).omega[0])
     if 0 < top < np.inf:
         omega = np.sort(np.append(omega, top * np.array(NEAR_PEAK)))
     found = [wave_growth(model, theta, speed, omega, size) for size in sizes]
     parts = np.array([[row.harmonic, row.braking, row.accelerating] for row in found])
-    known = np.isfinite(parts)
-    most = np.where(known.any(axis=2), parts.max(axis=2, initial=0.0, where=known), np.nan)
-    harmonic, braking, accelerating = most.T
+    harmonic, braking, accelerating = parts.max(axis=2).T
     usual = found[_nearest_usual(sizes)]
     return LargestGrowth(speed, sizes, harmonic, braking, accelerating, usual)
 
@@ -235,27 +252,23 @@ def steady_wave(
         ahead: (`POINTS`,) deviations of the speed ahead at even instants of a period.
 
     Returns:
-        The deviations; nan where Newton's method finds no steady motion.
+        The deviations; nan where Newton's method finds no steady motion with gaps and speeds of 0
+        or more.
 
     Raises:
         ParameterError: without an equilibrium at the speed.
     """
     theta = np.asarray(theta, float)
-    gap = float(model.equilibrium_gaps(theta, speed))
-    if not np.isfinite(gap):
-        raise ParameterError(
-            f"{model.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
-            " another speed."
-        )
+    gap = _equilibrium(model, theta, speed)
     slope, leader = omega * _slope(), speed + ahead
     lag, delay = float(model.term(theta, "lag")), float(model.term(theta, "delay"))
     inertia = slope + lag * slope @ slope
     late = _shift(omega * delay) if delay else np.eye(POINTS)
 
     def residual(gaps: FloatArray) -> FloatArray:
-        own = leader - slope @ gaps
-        command = np.asarray(model.acceleration(gaps, own, leader, theta, np), float)
-        return np.asarray(inertia @ own - late @ command)
+        speeds = leader - slope @ gaps
+        command = np.asarray(model.acceleration(gaps, speeds, leader, theta, np), float)
+        return np.asarray(inertia @ speeds - late @ command)
 
     gaps = np.full(POINTS, gap)
     with np.errstate(all="ignore"):  # what leaves the model's domain is not finite
@@ -263,9 +276,9 @@ def steady_wave(
         for _ in range(ROUNDS):
             if not np.isfinite(left).all() or abs(left).max() < CONVERGED:
                 break
-            own = leader - slope @ gaps
+            speeds = leader - slope @ gaps
             by_gap, by_speed = (
-                np.imag(model.acceleration(gaps + h, own + j, leader, theta, np)) / COMPLEX_STEP
+                np.imag(model.acceleration(gaps + h, speeds + j, leader, theta, np)) / COMPLEX_STEP
                 for h, j in ((COMPLEX_STEP * 1j, 0.0), (0.0, COMPLEX_STEP * 1j))
             )
             turn = -inertia @ slope - late @ (np.diag(by_gap) - by_speed[:, None] * slope)
@@ -275,9 +288,22 @@ def steady_wave(
                 if np.isfinite(trial).all() and abs(trial).max() < abs(left).max():
                     break
             gaps, left = gaps + share * step, trial
-    if not np.isfinite(left).all() or abs(left).max() > CONVERGED**0.5:
+    wave = ahead - slope @ gaps
+    is_found = np.isfinite(left).all() and abs(left).max() < CONVERGED
+    if not (is_found and gaps.min() >= 0 and speed + wave.min() >= 0):
         return np.full(POINTS, np.nan)
-    return np.asarray(ahead - slope @ gaps)
+    return np.asarray(wave)
+
+
+def _equilibrium(model: FollowingModel, theta: Values, speed: MetresPerSecond) -> float:
+    """The equilibrium gap in m."""
+    gap = float(model.equilibrium_gaps(np.asarray(theta, float), speed))
+    if not np.isfinite(gap):
+        raise ParameterError(
+            f"{model.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
+            " another speed."
+        )
+    return gap
 
 
 @lru_cache(maxsize=1)

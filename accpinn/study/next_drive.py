@@ -1,10 +1,10 @@
 """The drive of the car ahead that would tell most of a follower's parameters, and how much.
 
-What is known of the follower is its posterior; `inference.experiment` says what drives would add.
+A follower's posterior is where it begins; `inference.experiment` says what drives would add.
 Widths of intervals before and after are those of normal distributions in the coordinates of
 `inference.coordinates`. Windows of one car differ, so that a further drive, however long, narrows
-the interval of its typical value only so far; how the car drove in that drive alone may be known
-better. A motorway drive of the same length stands beside, as people usually have.
+the interval of its typical value only so far; of the car in that drive it may say more. A motorway
+drive of the same length stands beside, as people usually have.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from accpinn.display import Displayed
 from accpinn.errors import ConfigError
@@ -21,8 +21,8 @@ from accpinn.inference.coordinates import AT_SPEED, LEAST_GAP, free_of, time_gap
 from accpinn.inference.experiment import (
     Assessed,
     Drive,
-    Known,
     Limits,
+    Prior,
     after_drive,
     best_drives,
     spread_of_draws,
@@ -52,19 +52,40 @@ RUNNERS_UP = 5
 
 @dataclass(frozen=True)
 class Narrowing:
-    """How wide the interval of one parameter is, and would be; half of it, in its unit or in %."""
+    """How wide the interval of one parameter is, and would be: half of it, in its unit.
+
+    In % it is the upper half of an interval that is symmetric in the logarithm.
+    """
 
     name: str
     unit: str
     """"%" of a parameter whose interval is relative."""
     now: float
+    """Of the typical value."""
     drive: float
-    """After the drive proposed, together with all that is known."""
+    """Of the typical value, after the drive proposed."""
     motorway: float
     """After a motorway drive of the same length, likewise."""
     drive_alone: float
     """Of the car in the drive proposed, from that alone."""
     motorway_alone: float
+    """Of the car in that motorway drive, likewise."""
+
+    @property
+    def relative_width(self) -> float:
+        """Width of the interval from the drive alone, relative to that from the motorway drive.
+
+        Where the interval is relative it is that of the logarithm.
+        """
+        if self.unit != "%":
+            return self.drive_alone / self.motorway_alone
+        return float(np.log1p(self.drive_alone / 100.0) / np.log1p(self.motorway_alone / 100.0))
+
+    def text(self, half: float) -> str:
+        """An interval of this parameter about its middle, in its unit, by its half."""
+        if self.unit == "%":
+            return f"-{100.0 * half / (100.0 + half):.0f}/+{half:.0f} %"
+        return f"±{half:.{1 if self.unit == 'm' else 2}f} {self.unit}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +124,9 @@ class NextDrive(Displayed):
         ]
         for row in self.narrowing:
             lines.append(
-                f"  {row.name}: ±{row.drive_alone:.3g} {row.unit} from it alone, from a motorway"
-                f" drive ±{row.motorway_alone:.3g}; now ±{row.now:.3g}, with it ±{row.drive:.3g}"
+                f"  {row.name}, in that drive: {row.text(row.drive_alone)}"
+                f" (motorway {row.text(row.motorway_alone)}); typical value: now"
+                f" {row.text(row.now)}, after the drive {row.text(row.drive)}"
             )
         return "\n".join([*lines, "More: .to_frame(), .to_csv(), .offered"])
 
@@ -151,13 +173,13 @@ def next_drive(
     k = _follower(result, vehicle)
     spec, estimate = result.analysis.spec, result.estimate
     posterior, model = estimate.posterior, estimate.following
-    assert posterior is not None  # as the follower is known
+    assert posterior is not None  # as there is a follower
     free = free_of(spec)
     further = _coordinates(model, posterior.further[:, k])
     unknowns = estimate.arrays[UNKNOWNS]
-    known = Known(spec, further, unknowns[min(k, len(unknowns) - 1)], free)
+    prior = Prior(spec, further, unknowns[min(k, len(unknowns) - 1)], free)
     ordinary = Drive(MOTORWAY, _motorway(limits))
-    *ranked, usual = best_drives(known, limits, [ordinary])
+    *ranked, usual = best_drives(prior, limits, [ordinary])
     if not ranked:
         raise ConfigError(
             "next_drive: behind every drive within these limits the car comes too close; allow less"
@@ -268,7 +290,7 @@ def _narrowing(
         "drive_alone": np.linalg.inv(alone + best.information),
         "motorway_alone": np.linalg.inv(alone + usual.information),
     }
-    reach = float(norm.ppf((1.0 + level) / 2.0))
+    reach = float(ndtri((1.0 + level) / 2.0))
     middle = np.median(draws, axis=0)
     gap, terms = float(np.exp(middle[2])), dict(zip(model.terms, model.parameters[3:], strict=True))
     slopes = {"alpha": {0: 1.0}, "beta": {1: 1.0}, "tau": {2: gap}, "time_gap": {2: gap}}

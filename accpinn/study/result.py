@@ -490,8 +490,8 @@ class Result(Displayed):
     def waves(self, speed: float | None = None) -> Waves:
         """How much waves grow from the vehicle ahead to each follower, by size and direction.
 
-        Under a CTHP all waves grow alike; under other models a braking wave may grow otherwise than
-        an accelerating one, and a large one otherwise than a small one.
+        Under a CTHP all waves grow alike; under other models the lower half of a sinusoid (braking)
+        may grow otherwise than the upper half, and a large one otherwise than a small one.
 
         Args:
             speed: mean speed in m/s; by default each follower's median speed.

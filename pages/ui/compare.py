@@ -102,7 +102,7 @@ def show_page(workspace: Workspace) -> None:
         _show(workspace, data, running=False)
     else:
         _show_before(workspace)
-        if workspace.starts or workspace.earlier:
+        if workspace.restarts or workspace.earlier:
             follower = pick(workspace, data[0].labels[1:], "compare_follower")
             _show_repeatability(_Shown(workspace, data, (), follower))
 
@@ -372,21 +372,21 @@ def _show_disturbance(shown: _Shown, row: Result) -> None:
 
 
 def _show_repeatability(shown: _Shown) -> None:
-    _show_starts(shown)
+    _show_restarts(shown)
     _show_earlier(shown)
 
 
-def _show_starts(shown: _Shown) -> None:
+def _show_restarts(shown: _Shown) -> None:
     """The paper's Table I for these data."""
     workspace, segment = shown.workspace, shown.segment
-    task = workspace.starts
+    task = workspace.restarts
     if task and task.is_active:
         stop_button(task, "Stop the starts", "compare_stop_starts")
     else:
         with st.container(horizontal=True, vertical_alignment="center"):
             preset = segments("Preset of the starts", TITLE_OF, QUICK, "compare_preset", workspace)
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
-                workspace.train_starts(preset)
+                workspace.train_restarts(preset)
                 st.rerun()
         st.caption(
             "Trains the network from five initial values of α, β and τ, as in the paper's Table I."

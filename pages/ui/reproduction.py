@@ -317,7 +317,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem) -> None:
     if item.starts:
         button(
             workspace, "Five starts on the sample", frame.COMPARE, f"paper_{key}_starts",
-            icon="casino", act=lambda: _train_starts(workspace, path),
+            icon="casino", act=lambda: _train_restarts(workspace, path),
             help="Opens the synthetic study, trains it from five initial values with the fast"
             " preset, and shows page Compare.",
         )  # fmt: skip
@@ -390,9 +390,9 @@ def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     workspace.choices[EXAMPLE] = vehicles.title
 
 
-def _train_starts(workspace: Workspace, path: Path) -> None:
+def _train_restarts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    workspace.train_starts(QUICK)
+    workspace.train_restarts(QUICK)
 
 
 def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:

@@ -120,7 +120,7 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
     st.caption(escape_markdown(assumed))
     show.cautions(contradictions(result))
     if result:
-        against = words.against_measured(source.checks, result.info)
+        against = words.measured_gain_sentences(source.checks, result.info)
         st.caption("  \n".join(map(escape_markdown, against)))
 
 
@@ -279,7 +279,7 @@ def _show_waves(source: AssessedVehicles) -> None:
         show.chart(control.growth_by_frequency(source, waves), "stability_waves")
     with right:
         show.chart(control.growth_by_size(source, waves), "stability_waves_size")
-    show.caption("Solid: braking waves; dashed: accelerating ones.", words.WAVES)
+    show.caption("Solid: lower half (braking); dashed: upper half (accelerating).", words.WAVES)
     show.downloads(tables.waves_table(waves), f"waves_{source.vehicles.title}".lower(), "waves")
 
 

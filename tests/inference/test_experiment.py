@@ -14,7 +14,8 @@ from accpinn.inference.experiment import (
     mixture,
     spread_of_draws,
 )
-from accpinn.study.next_drive import NextDrive
+from accpinn.results.tables.next_drive import drive_table
+from accpinn.study.next_drive import Narrowing, NextDrive
 from accpinn.study.result import Result
 from accpinn.units import FloatArray
 from bench.drive import figures
@@ -72,12 +73,22 @@ def test_intervals_only_become_narrower(proposed: NextDrive) -> None:
     for row in proposed.narrowing:
         assert 0 < row.drive < row.now
         assert 0 < row.motorway < row.now
-    alone = {row.name: row.drive_alone / row.motorway_alone for row in proposed.narrowing}
+    alone = {row.name: row.relative_width for row in proposed.narrowing}
     assert max(alone["alpha"], alone["beta"], alone["delay"]) < 1.0
     assert proposed.to_frame().name.tolist() == names
     table = np.genfromtxt(proposed.to_csv().splitlines(), delimiter=",", names=True)
     np.testing.assert_allclose(table["speed_m_s"], proposed.speed, atol=1e-3)
     assert len(str(proposed).splitlines()) == 2 + len(names)
+
+
+def test_the_interval_of_a_gain_is_symmetric_in_its_logarithm(proposed: NextDrive) -> None:
+    row = Narrowing("beta", "%", 60.0, 10.0, 21.0, 10.0, 21.0)
+    assert row.text(row.now) == "-38/+60 %"
+    assert row.relative_width == pytest.approx(0.5)
+    assert Narrowing("s0", "m", 1.0, 0.5, 0.8, 0.5, 1.0).text(0.5) == "±0.5 m"
+    first, *_ = proposed.narrowing
+    for text in (str(proposed), drive_table(proposed).to_text()):
+        assert first.text(first.drive_alone) in text
 
 
 def test_covariances_after_a_drive_are_those_of_a_normal_model() -> None:
@@ -111,7 +122,7 @@ def test_what_cannot_be_proposed_is_refused(
     point = accpinn.fit(accpinn.sample("motorway"), vehicles="1-2", method="splines")
     with pytest.raises(ConfigError, match="has no likelihood"):
         accpinn.next_drive(point)
-    monkeypatch.setattr(experiment, "LEAST_GAP", 500.0)
+    monkeypatch.setattr(experiment, "TOO_CLOSE", 500.0)
     with pytest.raises(ConfigError, match="comes too close"):
         accpinn.next_drive(result, duration=61.0)
 

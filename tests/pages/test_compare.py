@@ -94,16 +94,16 @@ def test_rows_pictures_warnings_starts_and_earlier_estimates(
     assert "Earlier estimates" not in page.open_tab("compare_tabs", "Repeatability").everything()
 
     session.settings["fast"] = {"iterations": 20}
-    session.train_starts("fast")
-    assert session.starts.wait(WAIT)
-    assert len({row.analysis.key for row in session.starts.results}) == 5
+    session.train_restarts("fast")
+    assert session.restarts.wait(WAIT)
+    assert len({row.analysis.key for row in session.restarts.results}) == 5
     assert session.runs == (), "they are no results of their own"
     assert "Spread" in open_page("Compare", session).everything()
 
     before = session.compared[0]
     session.choose(window=Window(10.0, 60.0))
     assert session.compared == ()
-    assert session.starts is None
+    assert session.restarts is None
     assert {row.analysis.method for row in session.earlier} == {*methods}
     assert before.analysis.key in [row.analysis.key for row in session.earlier]
 

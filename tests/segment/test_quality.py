@@ -15,7 +15,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.recordings import LittleLeaderMotion, Mode, Recording, ValuesFrozen, Window
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
-from accpinn.results.recording import MEANING, WORDS
+from accpinn.results.recording import LABELS, MEANING
 from accpinn.segment import NothingToExclude, RegimesExcluded, Segment, SegmentInfo
 from accpinn.segment.quality import (
     CATCHING_UP,
@@ -130,7 +130,7 @@ def rated(recording: Recording, **choice: object) -> dict[Question, Rating]:
     segment = cut(recording, 100.0, 100.0, (1, 2), **choice)
     ratings = rate(segment, recording, assess_quality(segment))
     for rating in ratings:  # each has its words
-        assert WORDS[rating.question][rating.grade]
+        assert LABELS[rating.question][rating.grade]
     return {rating.question: rating for rating in ratings}
 
 
@@ -141,7 +141,7 @@ def test_each_fault_lowers_the_grade_of_its_own_question_alone() -> None:
         grades = {q: rating.grade for q, rating in rated(recording, **choice).items()}
         return {q: grade for q, grade in grades.items() if grade is not Grade.GOOD}
 
-    assert set(rated(sound)) == set(WORDS) == set(MEANING)
+    assert set(rated(sound)) == set(LABELS) == set(MEANING)
     assert grades(sound) == {}
     gap = sound.gap.copy()
     gap[1050:1053] = np.nan
@@ -180,14 +180,14 @@ def test_frozen_samples_are_not_measured_and_are_counted_as_the_finding_says() -
     assert isinstance(frozen, ValuesFrozen)
     assert (complete.grade, frozen.samples) == (Grade.FAIR, 10)
     assert frozen.windows == (Window(105.0, 106.0),)
-    assert complete.figure == pytest.approx(1 - frozen.samples / 1001)
+    assert complete.value == pytest.approx(1 - frozen.samples / 1001)
     assert sum(f.samples for f in flawed.findings if isinstance(f, ValuesFrozen)) == 10 + 99
     speed[1100:1200, 1] = speed[1100, 1]
     assert rated(replace(sound, speed=speed))["complete"].grade is Grade.POOR
     gap = sound.gap.copy()
     gap[1055:1070] = np.nan
     both = rated(replace(flawed, gap=gap), allow_missing=True)["complete"]
-    assert both.figure == pytest.approx(1 - len({*range(1051, 1061), *range(1055, 1070)}) / 1001)
+    assert both.value == pytest.approx(1 - len({*range(1051, 1061), *range(1055, 1070)}) / 1001)
 
 
 def test_each_answer_has_the_number_that_it_counts(astazero: Recording) -> None:
@@ -196,10 +196,10 @@ def test_each_answer_has_the_number_that_it_counts(astazero: Recording) -> None:
     ratings = {rating.question: rating for rating in rate(segment, astazero, quality)}
     complete = ratings["complete"]
     assert complete.grade is Grade.FAIR, "values of three cars are frozen at times"
-    assert 0.97 < complete.figure < 0.99
-    assert ratings["excited"].figure == max(quality.condition)
-    assert ratings["following"].figure == min(quality.car_following)
-    assert 0.8 < ratings["consistent"].figure <= 1.0
+    assert 0.97 < complete.value < 0.99
+    assert ratings["excited"].value == max(quality.condition)
+    assert ratings["following"].value == min(quality.car_following)
+    assert 0.8 < ratings["consistent"].value <= 1.0
 
 
 def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:

@@ -25,7 +25,7 @@ def drive_speed(proposed: NextDrive) -> go.Figure:
 def drive_narrowing(proposed: NextDrive) -> go.Figure:
     """Width of each interval from the drive alone, relative to that from a motorway drive."""
     rows = proposed.narrowing
-    shares = [100.0 * row.drive_alone / row.motorway_alone for row in rows]
+    shares = [100.0 * row.relative_width for row in rows]
     titles = [title_of(proposed, row) for row in rows]
     chart = style.Chart("next-drive-narrowing", HEIGHT, margin={"l": 140})
     chart.add(

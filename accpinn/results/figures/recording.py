@@ -19,7 +19,7 @@ from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.results.figures.strip import STYLE
 from accpinn.results.messages import messages
-from accpinn.results.recording import FIGURES, MEANING, WORDS, RatedWindow, figure_of
+from accpinn.results.recording import LABELS, MEANING, QUANTITIES, RatedWindow, quantity_of
 from accpinn.results.tables import template
 from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
@@ -178,10 +178,10 @@ def windows_html(rows: Sequence[RatedWindow], about: Labelled) -> str:
                 {
                     "glyph": GRADE_GLYPHS[rating.grade],
                     "grade": rating.grade.name.lower(),
-                    "figure": figure_of(rating),
-                    "name": FIGURES[rating.question].title,
+                    "figure": quantity_of(rating),
+                    "name": QUANTITIES[rating.question].title,
                     "why": " ".join(
-                        [f"{WORDS[rating.question][rating.grade]}: {figure_of(rating)}.",
+                        [f"{LABELS[rating.question][rating.grade]}: {quantity_of(rating)}.",
                          *messages(rating.findings, about)]
                     ),
                 }
@@ -191,7 +191,7 @@ def windows_html(rows: Sequence[RatedWindow], about: Labelled) -> str:
         for row in rows
     ]  # fmt: skip
     return template("figures/windows.html").render(
-        rows=drawn, columns=[(FIGURES[question], MEANING[question]) for question in FIGURES]
+        rows=drawn, columns=[(QUANTITIES[question], MEANING[question]) for question in QUANTITIES]
     )
 
 

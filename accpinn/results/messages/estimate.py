@@ -17,7 +17,7 @@ from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.results.messages import incidents, messages
-from accpinn.results.messages.stability import against_measured, becomes
+from accpinn.results.messages.stability import becomes, measured_gain_sentences
 from accpinn.results.naming import about_point
 from accpinn.results.objections import against_estimate
 from accpinn.results.tables import between, supported_digits
@@ -301,7 +301,7 @@ def checks(description: Description) -> tuple[Check, ...]:
         answers["Identified"] = not wide, wide
         compared = [check for check in subject.checks if check.frequencies >= LEAST]
         agrees = not any(check.contradiction for check in compared) if compared else None
-        answers["Measured gain agrees"] = agrees, against_measured(subject.checks, info)
+        answers["Measured gain agrees"] = agrees, measured_gain_sentences(subject.checks, info)
     return tuple(
         Check(title, meaning, *answers[title])
         for title, meaning in MEANINGS.items()

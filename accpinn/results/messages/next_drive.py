@@ -10,7 +10,7 @@ ABOUT_DRIVE = (
 
 def drive_in_words(proposed: NextDrive) -> str:
     """What the car ahead does, and how far the intervals of α and β shrink."""
-    shares = {row.name: row.drive_alone / row.motorway_alone for row in proposed.narrowing}
+    shares = {row.name: row.relative_width for row in proposed.narrowing}
     told = [f"{100 * shares[name]:.0f} % ({symbol})" for name, symbol in (("alpha", "α"),
             ("beta", "β")) if name in shares]  # fmt: skip
     wide = " and ".join(told)

@@ -8,8 +8,8 @@ from accpinn.inference.gain_check import COHERENT, FASTEST
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.measured_growth import DIFFERENT
 from accpinn.model.published import ParameterSet
-from accpinn.results.objections import against_measured as against_measured
 from accpinn.results.objections import against_model
+from accpinn.results.objections import measured_gain_sentences as measured_gain_sentences
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -167,7 +167,7 @@ def about_margin(subject: AssessedVehicles) -> str:
 
 
 def waves_in_words(found: Waves) -> str:
-    """How much the two directions of a wave grow by the vehicle that amplifies most."""
+    """How much the two halves of a wave grow by the vehicle that amplifies most."""
     pairs = zip(found.names, found.vehicles, strict=True)
     grow = [(*vehicle.at(vehicle.usual), vehicle.usual, name) for name, vehicle in pairs]
     judged = [row for row in grow if not isnan(row[0] + row[1])]
@@ -178,8 +178,8 @@ def waves_in_words(found: Waves) -> str:
     if len(judged) == len(grow) > 1 == len({row[:2] for row in judged}):
         lead = f"{capital(all_of(len(grow), 'vehicles'))} amplify"
     return (
-        f"{lead}: a braking wave of {3.6 * size:.0f} km/h grows {grown(braking)},"
-        f" an accelerating one {grown(accelerating)}."
+        f"{lead}: of a sinusoid of {3.6 * size:.0f} km/h ahead the lower half"
+        f" (braking) grows {grown(braking)}, the upper half (accelerating) {grown(accelerating)}."
     )
 
 
@@ -187,7 +187,7 @@ WAVES = (
     "The speed ahead is a sinusoid of this size about the mean speed; growth is that of the"
     " follower's largest deviation below the mean speed (braking) and above it (accelerating), once"
     " its motion is steady. Over the size: at the frequency at which it grows most, at size 0 the"
-    " peak of |H|."
+    " peak of |H|. None where a gap or a speed would fall below 0, or no motion settles."
 )
 """What the growth of waves is."""
 MARGIN = (

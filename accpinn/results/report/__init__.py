@@ -303,7 +303,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if waves := subject.waves:
         sentences = [
             on_stability.waves_in_words(waves),
-            "Solid: braking waves; dashed: accelerating.",
+            "Solid: lower half (braking); dashed: upper half (accelerating).",
         ]
         chart = with_legend(control.growth_by_frequency(subject, waves))
         yield Picture("wave_growth", chart, " ".join([*sentences, on_stability.WAVES]))

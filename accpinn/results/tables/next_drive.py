@@ -8,21 +8,21 @@ TIME_GAP = "Time gap at 100 km/h"
 
 
 def drive_table(proposed: NextDrive) -> Table:
-    """One row a parameter: half the width of its interval, from drives alone and together.
+    """One row a parameter: its interval about its middle, from drives alone and together.
 
     Alone: of the car in that drive. Together: of its typical value, with all that is known.
     """
     rows, level = proposed.narrowing, 100 * proposed.level
     alone, together = "From the drive alone", "With all that is known"
     return Table.of(
-        f"Half widths of {level:g} % intervals, {proposed.name}",
+        f"{level:g} % intervals, {proposed.name}",
         [
             (Column("Parameter"), [title_of(proposed, row) for row in rows]),
-            (Column("Motorway drive", group=alone), [_wide(r, r.motorway_alone) for r in rows]),
-            (Column("This drive", group=alone), [_wide(r, r.drive_alone) for r in rows]),
-            (Column("Now", group=together), [_wide(row, row.now) for row in rows]),
-            (Column("+ motorway drive", group=together), [_wide(r, r.motorway) for r in rows]),
-            (Column("+ this drive", group=together), [_wide(row, row.drive) for row in rows]),
+            (Column("Motorway drive", group=alone), [r.text(r.motorway_alone) for r in rows]),
+            (Column("This drive", group=alone), [r.text(r.drive_alone) for r in rows]),
+            (Column("Now", group=together), [row.text(row.now) for row in rows]),
+            (Column("+ motorway drive", group=together), [r.text(r.motorway) for r in rows]),
+            (Column("+ this drive", group=together), [row.text(row.drive) for row in rows]),
         ],
     )
 
@@ -31,8 +31,3 @@ def title_of(proposed: NextDrive, row: Narrowing) -> str:
     """The symbol of a parameter."""
     symbols = {p.name: p.symbol for p in following_model(proposed.model).parameters}
     return symbols.get(row.name, TIME_GAP)
-
-
-def _wide(row: Narrowing, width: float) -> str:
-    digits = 0 if row.unit == "%" else 1 if row.unit == "m" else 2
-    return f"±{width:.{digits}f} {row.unit}"

@@ -183,7 +183,7 @@ def margin_table(subject: AssessedVehicles) -> Table:
 
 
 def waves_table(found: Waves) -> Table:
-    """One row a vehicle and size of a wave: how much a braking and an accelerating one grow."""
+    """One row a vehicle and size of a wave: how much its braking and accelerating half grow."""
     rows = [(name, v, k) for name, v in zip(found.names, found.vehicles, strict=True)
             for k in range(len(v.amplitude))]  # fmt: skip
     parts = (("Braking", "braking"), ("Accelerating", "accelerating"),

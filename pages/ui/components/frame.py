@@ -79,13 +79,13 @@ _STATUS = {
     Status.FAILED: "failed",
 }
 
-_LEFT = _STATUS | {
+_BACKGROUND = _STATUS | {
     Status.QUEUED: "waits for its turn",
-    Status.RUNNING: "goes on{left}; result on Home",
+    Status.RUNNING: "goes on{remaining}; result on Home",
     Status.DONE: "is done; its result is on Home",
 }
-"""The same of one that was left."""
-_LEFT_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",
+"""The same of one that goes on in the background, as something else was opened."""
+_BACKGROUND_ICONS = {Status.QUEUED: "hourglass_top", Status.RUNNING: "model_training",
                Status.DONE: "check_circle", Status.FAILED: "error"}  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def _show_left(workspace: Workspace) -> None:
                 workspace.go_back(left)
                 st.session_state[TURN] = TRAIN
 
-            _left_row(left.task, f"frame_left_{place}", back, partial(workspace.forget, left))
+            _background_row(left.task, f"frame_left_{place}", back, partial(workspace.forget, left))
         for place, other in enumerate(elsewhere):
 
             def go_there(other: Workspace = other) -> None:
@@ -173,7 +173,7 @@ def _show_left(workspace: Workspace) -> None:
                 st.session_state[TURN] = TRAIN
 
             if other.training:
-                _left_row(other.training, f"frame_elsewhere_{place}", go_there)
+                _background_row(other.training, f"frame_elsewhere_{place}", go_there)
     before = [task.status for task in tasks]
 
     def look() -> None:
@@ -184,20 +184,20 @@ def _show_left(workspace: Workspace) -> None:
         st.fragment(look, run_every=LOOK)()
 
 
-def _left_row(
+def _background_row(
     task: Task[Any], key: str, show_it: Callable[[], None], forget: Callable[[], None] | None = None
 ) -> None:
     """A training's progress with buttons to show, stop or dismiss it."""
-    icon = _LEFT_ICONS.get(task.status, "history")
-    place = f" in another session {_STATUS[task.status]}{{left}}" if forget is None else (
-        f" {_LEFT[task.status]}"
+    icon = _BACKGROUND_ICONS.get(task.status, "history")
+    place = f" in another session {_STATUS[task.status]}{{remaining}}" if forget is None else (
+        f" {_BACKGROUND[task.status]}"
     )  # fmt: skip
     about = escape_markdown(about_analysis(task.analysis))
 
     def tell() -> None:
         seconds = task.time_left if task.status is Status.RUNNING else None
-        left = f", {show.format_duration(seconds)} left" if seconds else ""
-        sentence = f"Training of **{about}**{place.format(left=left)}."
+        remaining = f", {show.format_duration(seconds)} left" if seconds else ""
+        sentence = f"Training of **{about}**{place.format(remaining=remaining)}."
         st.markdown(f":material/{icon}: {sentence}", width="content")
 
     with st.container(horizontal=True, vertical_alignment="center"):

@@ -321,7 +321,7 @@ def _show_overview(
         )
         st.button(
             "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
-            disabled=not workspace.steps, on_click=workspace.undo,
+            disabled=not workspace.undo_stack, on_click=workspace.undo,
             help="Takes back the last change of window, vehicles, Case or regimes, and shows the"
             " result of before.",
         )  # fmt: skip
@@ -420,12 +420,12 @@ def _assessment(workspace: Workspace, recording: Recording) -> None:
     with st.container(horizontal=True):
         for rating in ratings:
             colour, icon = MARKS[rating.grade]
-            label = words.WORDS[rating.question][rating.grade]
-            figure = words.figure_of(rating)
+            label = words.LABELS[rating.question][rating.grade]
+            figure = words.quantity_of(rating)
             counted = f": {figure}" if rating.grade in (Grade.FAIR, Grade.POOR) else ""
             with st.popover(f":{colour}[:material/{icon}:] {label}{counted}"):
                 st.markdown(escape_markdown(words.MEANING[rating.question]))
-                column = words.FIGURES[rating.question]
+                column = words.QUANTITIES[rating.question]
                 st.markdown(f"{escape_markdown(column.title)}: **{escape_markdown(figure)}**")
                 if reasons := messages(rating.findings, segment):
                     st.markdown(show.bullets(reasons))

@@ -70,7 +70,7 @@ class Left:
 
 @dataclass(eq=False)
 class Workspace:
-    """The steps of one session, first to last: recording, segment, result."""
+    """What one session has open and does: recording, selection, tasks, result."""
 
     id: str
     """Secret name, which only the session's browser learns."""
@@ -104,7 +104,7 @@ class Workspace:
     training: Task[Result] | None = None
     comparison: Task[Result | Refused | Adequacy] | None = None
     """The run of all methods on the windows."""
-    starts: Task[Result] | None = None
+    restarts: Task[Result] | None = None
     """Trainings of the windows from several initial values."""
     reproduction: Task[Result] | None = None
     """Trainings for the paper's tables, whatever recording is open."""
@@ -136,7 +136,7 @@ class Workspace:
     """Files dropped on page Database for a batch that has not started."""
     opened: dict[str, Recording] = field(default_factory=dict)
     """The recordings opened last, by SHA-256, newest last."""
-    steps: tuple[Step, ...] = ()
+    undo_stack: tuple[Step, ...] = ()
     """Former selections that `undo` goes back to, newest last."""
     stored_judgements: tuple[Judgement, ...] = ()
     """The judgements that the store has."""
@@ -303,7 +303,7 @@ class Workspace:
             return
         vehicles = default_vehicles(recording)
         if awaited and awaited.source.sha256 == recording.sha256:
-            selection, starts = replace(awaited, windows=(awaited.window,)), _starts(awaited)
+            selection, starts = replace(awaited, windows=(awaited.window,)), _window_starts(awaited)
         else:
             window, starts = first_window(recording, complete_windows(recording, vehicles)), None
             selection = Analysis.of(recording, (window,), vehicles)
@@ -313,7 +313,7 @@ class Workspace:
         self.segment = self.validation = None
         self.remember(recording)
         self._select(selection)
-        self.window_starts, self.steps = starts, ()
+        self.window_starts, self.undo_stack = starts, ()
 
     @property
     def table_of_recording(self) -> File | None:
@@ -352,13 +352,13 @@ class Workspace:
             self.remember(self.recording)
         self.segment, self.fault = result.segment, ""
         self.choose_source("estimate")
-        self.restored, self.steps = result, ()
+        self.restored, self.undo_stack = result, ()
         self.take(result.analysis)
 
     def take(self, analysis: Analysis) -> None:
         """Select the data of an analysis, and its method and model where page Train offers them."""
         self.selection = replace(analysis, windows=(analysis.window,))
-        self.window_starts = _starts(analysis)
+        self.window_starts = _window_starts(analysis)
         if analysis.method == PRESET_METHOD.key:
             with suppress(ConfigError):
                 config = PinnConfig.from_json(analysis.settings)
@@ -388,7 +388,8 @@ class Workspace:
         before, self.selection = self.selection, selection
         if selection == before and self.segment:
             return
-        self.steps = (*self.steps, (before, self.window_starts, self.result))[-MOST_EARLIER:]
+        step = before, self.window_starts, self.result
+        self.undo_stack = (*self.undo_stack, step)[-MOST_EARLIER:]
         self._leave()
         if selection.window != before.window:
             self.window_starts = ()
@@ -409,9 +410,9 @@ class Workspace:
 
     def undo(self) -> None:
         """Take back the last change of the segment, and show the result before it again."""
-        *steps, (selection, starts, result) = self.steps
+        *steps, (selection, starts, result) = self.undo_stack
         self._select(selection)
-        self.window_starts, self.restored, self.steps = starts, result, tuple(steps)
+        self.window_starts, self.restored, self.undo_stack = starts, result, tuple(steps)
         with suppress(ConfigError):  # the page shows what is wrong with a setting
             if self.left and (analysis := self.analysis()):
                 self._rejoin(analysis)
@@ -513,12 +514,12 @@ class Workspace:
             task = comparison_task(self.id, analysis, self.recording, self.segments)
             self.comparison = self._submit(task)
 
-    def train_starts(self, preset: PresetName) -> None:
+    def train_restarts(self, preset: PresetName) -> None:
         """Queue a training on the windows from each of five initial values."""
         analysis = self.analysis(preset)
         if analysis and self.segment:
             task = starts_task(self.id, analysis, self.recording, resources.store(), self._data)
-            self.starts = self._submit(task)
+            self.restarts = self._submit(task)
 
     def reproduce(self, parts: Sequence[Part]) -> None:
         """Queue the trainings of the paper's tables."""
@@ -567,7 +568,7 @@ class Workspace:
 
     @property
     def _of_segment(self) -> tuple[Task[Any], ...]:
-        tasks = (self.training, self.comparison, self.starts, self.judgement)
+        tasks = (self.training, self.comparison, self.restarts, self.judgement)
         return tuple(task for task in tasks if task)
 
     def _leave(self) -> None:
@@ -583,7 +584,7 @@ class Workspace:
             if task is not self.training:
                 self.ended += (task.kind,) * task.is_active
                 task.stop()
-        self.training = self.comparison = self.starts = self.judgement = self.restored = None
+        self.training = self.comparison = self.restarts = self.judgement = self.restored = None
 
     def _rejoin(self, analysis: Analysis) -> bool:
         """Make a running training of an equal analysis that was left the present one again.
@@ -610,7 +611,7 @@ class Workspace:
         self._leave()
         if left.recording is not self.recording:
             self._leave_recording()
-        self.recording, self.restored, self.steps = left.recording, left.restored, ()
+        self.recording, self.restored, self.undo_stack = left.recording, left.restored, ()
         if self.recording:
             self.remember(self.recording)
         self.validation = None
@@ -659,7 +660,7 @@ class Workspace:
         return lambda value: self.choices.update({key: value})
 
 
-def _starts(analysis: Analysis) -> tuple[float, ...]:
+def _window_starts(analysis: Analysis) -> tuple[float, ...]:
     """The starts of several windows; empty for a single one."""
     starts = tuple(window.start for window in analysis.windows)
     return starts if len(starts) > 1 else ()
