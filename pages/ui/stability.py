@@ -130,7 +130,7 @@ def _show_bode_notes(source: AssessedVehicles) -> None:
     st.caption(
         words.about_bode(source.uncertainty)
         + " Points: measured gain, faint where not compared." * bool(measured)
-        + " Grey: all cars in order, solid where measured." * bool(platoon.size)
+        + " Solid grey: all cars, measured." * bool(platoon.size)
         + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )

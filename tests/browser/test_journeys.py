@@ -145,6 +145,10 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     assert learned[0] == "2 Audi (A6-like)"
     assert estimate(learned[2]) == pytest.approx(1.19, rel=0.03)
     assert estimate(learned[4]) == pytest.approx(0.0612, rel=0.05)
+    open_tab(first, "Export")
+    sent, content = downloaded(first, button(first, "Download all"))  # of what is not saved yet
+    assert sent.endswith("_accpinn.zip")
+    assert content.startswith(b"PK")
     go(first, "Snapshots")
     first.get_by_label("Name", exact=True).fill(NASTY)
     first.get_by_label("Note", exact=True).fill("look at τ")

@@ -289,6 +289,8 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     sentences = ["Bode magnitude from the speed ahead to the vehicle's own."]
     sentences += ["Dashed: from the leader to the last."] if len(vehicles) > 1 else []
     sentences.append(on_stability.about_bode(uncertainty))
+    if stability_figures.measured_platoon(subject).size:
+        sentences.append("Solid grey: from the leader to the last, measured.")
     sentences += [MEASURED] if stability_figures.measured_of(subject) else []
     yield Picture("bode", bode, " ".join(sentences))
     if len(vehicles) > 1:

@@ -4,13 +4,14 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.findings import capital
 from accpinn.methods.estimate import Estimate, Outcome
 from accpinn.model.cthp import Parameters
@@ -313,8 +314,10 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
 
     def everything() -> bytes:
         """Make the file with everything, its report verified as the snapshot was here."""
-        written = snapshot()
-        return bundle(written, library().verification(written.id))
+        written, checked = snapshot(), None
+        with suppress(SnapshotError):  # of a result that is not kept here
+            checked = library().verification(written.id)
+        return bundle(written, checked)
 
     with st.container(horizontal=True):
         show.downloads(table, f"{stem}_parameters", page)
