@@ -144,8 +144,8 @@ SHIPPED = frozenset(FOLLOWING)
 PAPER = CTHP.key
 """The paper's model."""
 BEST = "cthp-s0-delay"
-"""The recommended model: none is closer to the measured gain, and none with an exact likelihood
-predicts the gap in other windows better over the recordings at hand (docs/validation.md)."""
+"""The recommended model: of those with an exact likelihood none predicts the gap better in windows
+left out, and none is clearly closer to the measured gain (docs/validation.md)."""
 Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: dict[str, str] = {key: model.title for key, model in FOLLOWING.items()}

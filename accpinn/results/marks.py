@@ -23,6 +23,8 @@ OUTSIDE = Mark("□", "square-open")
 """A value lies outside its interval."""
 LEAST = Mark("†", "")
 """The least value that is sought."""
+MEASURED = Mark("✚", "cross")
+"""A growth is measured in the recording, not that of the model."""
 AGAINST = Mark("▲", "triangle-up")
 """There is evidence against an estimate."""
 YES, NO, OPEN, NOTHING = "✓", "✗", "?", "–"

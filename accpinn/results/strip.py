@@ -4,13 +4,14 @@ Pages and the report show it in place of sentences. A row holds numbers and mark
 each, with its numbers, is a text that is shown on hover.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, nan
 
 from accpinn.findings import capital, percent, probability
 from accpinn.methods.estimate import SPEEDS
 from accpinn.model.registry import TITLES
+from accpinn.results.marks import MEASURED
 from accpinn.results.messages.estimate import time_gap_in_words
 from accpinn.results.messages.stability import (
     becomes,
@@ -29,7 +30,7 @@ from accpinn.study.description import (
     FollowerDescription,
     describe,
 )
-from accpinn.study.vehicles import AssessedVehicles, NormAssessment
+from accpinn.study.vehicles import AssessedVehicles, NormAssessment, PeakGrowth
 from accpinn.units import MetresPerSecond, Quantity
 
 UNKNOWN = Quantity(nan, nan, nan)
@@ -47,6 +48,8 @@ class Estimated:
     why: str
     is_extrapolated: bool = False
     """Whether no window holds the speed that it is of."""
+    is_measured: bool = False
+    """Whether it is measured in the recording itself, not that of the model."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,8 @@ def strip_of(subject: AssessedVehicles, description: Description | None = None) 
             rows = (*rows[:k], replace(rows[k], trust=trust), *rows[k + 1 :])
         models = dict.fromkeys(TITLES[result.estimate.model] for result, _ in subject.cars)
         point = "" if subject.uncertainty else POINTS
-        about = tuple(filter(None, (vehicles.title, *models, point)))
+        lines = (vehicles.title, *models, point, _about_growth(subject.growths))
+        about = tuple(filter(None, lines))
         return Strip(rows, leader, SPEEDS[-1], about, next_to_stable(subject))
     description = description or describe(subject.result)
     rows = tuple(_row(subject, each.place, each) for each in description.followers)
@@ -144,9 +148,16 @@ def _about(subject: AssessedVehicles, description: Description) -> tuple[str, ..
     case = f"Case {estimate.case}" if description.info.followers > 1 else ""
     parts = (
         name_of(estimate, with_model=False), TITLES[estimate.model], linear,
-        f"{windows}, {seconds:,.0f} s", case, about_point(estimate),
+        f"{windows}, {seconds:,.0f} s", case, about_point(estimate), _about_growth(subject.growths),
     )  # fmt: skip
     return tuple(filter(None, parts))
+
+
+def _about_growth(growths: Sequence[PeakGrowth]) -> str:
+    """Which growths are measured; empty where all are those of the model."""
+    if not any(growth.is_measured for growth in growths):
+        return ""
+    return f"{MEASURED.glyph} measured growth"
 
 
 def _row(subject: AssessedVehicles, place: int, follower: FollowerDescription | None) -> StripRow:
@@ -193,7 +204,8 @@ def _growth(subject: AssessedVehicles, place: int) -> Estimated:
     if l2.assessment == "not determined":
         return Estimated(l2.gain, NOT_DETERMINED)
     why = becomes(subject, [place], subject.vehicles.labels[place], is_headline=True)
-    return Estimated(subject.growths[place].gain, why)
+    growth = subject.growths[place]
+    return Estimated(growth.gain, why, is_measured=growth.is_measured)
 
 
 def _marks(subject: AssessedVehicles, place: int) -> tuple[StabilityMark, StabilityMark]:

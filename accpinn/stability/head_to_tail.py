@@ -24,6 +24,7 @@ from scipy.special import gammainccinv
 
 from accpinn.model.cthp import Parameters, orbit
 from accpinn.stability.criteria import (
+    RESOLVED,
     Peak,
     checked,
     crossovers,
@@ -32,7 +33,7 @@ from accpinn.stability.criteria import (
     slowest_rate,
     step_metrics,
 )
-from accpinn.stability.lagged import Attenuation, polynomials
+from accpinn.stability.lagged import Attenuation, is_lagged, polynomials
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -152,7 +153,8 @@ def head_to_tail_gains(parameters: Parameters) -> Gains:
         gain[:ordinary] = np.maximum(fine, 1.0)
         error[:ordinary] = np.abs(fine - coarse) + FADED
     if ordinary:
-        gain[0], error[0] = step_metrics(parameters[:1]).gain[0], 0.0  # in closed form
+        gain[0] = step_metrics(parameters[:1]).gain[0]  # in closed form without a lag or a delay
+        error[0] = RESOLVED if is_lagged(parameters[:1]) else 0.0
     return Gains(frozen(gain), frozen(error))
 
 

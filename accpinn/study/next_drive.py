@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from accpinn.display import Displayed
 from accpinn.errors import ConfigError
@@ -193,7 +193,7 @@ def next_drive(
     is_shared = info.shares(estimate.case)
     return NextDrive(
         0 if is_shared else info.vehicles[k + 1],
-        "all followers" if is_shared else info.names[k + 1],
+        "all followers" if is_shared else info.labels[k + 1],
         best.drive.kind,
         limits.time,
         best.drive.speed,
@@ -290,7 +290,7 @@ def _narrowing(
         "drive_alone": np.linalg.inv(alone + best.information),
         "motorway_alone": np.linalg.inv(alone + usual.information),
     }
-    reach = float(norm.ppf((1.0 + level) / 2.0))
+    reach = float(ndtri((1.0 + level) / 2.0))
     middle = np.median(draws, axis=0)
     gap, terms = float(np.exp(middle[2])), dict(zip(model.terms, model.parameters[3:], strict=True))
     slopes = {"alpha": {0: 1.0}, "beta": {1: 1.0}, "tau": {2: gap}, "time_gap": {2: gap}}

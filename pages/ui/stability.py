@@ -126,10 +126,11 @@ def _show_verdict(workspace: Workspace, source: AssessedVehicles) -> None:
 
 def _show_bode_notes(source: AssessedVehicles) -> None:
     """The meaning of the marks of the laboratory's charts."""
-    measured = figures.measured_of(source)
+    measured, platoon = figures.measured_of(source), figures.measured_platoon(source)
     st.caption(
         words.about_bode(source.uncertainty)
         + " Points: measured gain, faint where not compared." * bool(measured)
+        + " Grey: all cars in order, solid where measured." * bool(platoon.size)
         + f" {words.explained(source)}",
         help=words.MEASURED if measured else None,
     )
@@ -157,6 +158,8 @@ def _show_verdicts(source: AssessedVehicles) -> None:
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if not chosen.parameters.is_linear else "")  # fmt: skip
     level = f"{100 * uncertainty.level:.0f} % intervals." if uncertainty else "By these parameters."
+    if any(growth.is_measured for growth in source.growths):
+        level = f"{level} Peaks are the model's."
     show.caption(level, f"{linear}{posterior or ''}{GAIN}")
     if differ := words.criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")

@@ -891,7 +891,7 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     page.press("data_undo")
     assert (session.selection.window, session.result) == (Window(0.0, 60.0), result)
     assert session.selection.vehicles == (2, 3, 4, 5)
-    for _ in range(len(session.steps)):
+    for _ in range(len(session.undo_stack)):
         page.press("data_undo")
     assert page.button(key="data_undo").disabled
 
@@ -899,11 +899,11 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
 def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -> None:
     session = with_sample()
     session.choose(vehicles=(4, 5))
-    assert session.steps
+    assert session.undo_stack
     other = with_recording(recording())
     other.preset = "fast"
     session.restore(train_at_once(other))
-    assert session.steps == ()
+    assert session.undo_stack == ()
     assert session.selection.vehicles == (1, 2, 3), "as the recording was opened"
 
 

@@ -383,10 +383,10 @@ def test_a_verdict_follows_the_posterior_not_the_estimate(stable: float, state: 
 def test_vehicles_without_a_comparison_are_named_in_one_sentence() -> None:
     checks = [GainCheck(2, 9, rms=1.5), GainCheck(3, 0), GainCheck(4, 2)]
     vehicles = replace(named(LOUD, CALM, LOUD), vehicles=(1, 2, 3, 4))
-    first, others = on_stability.against_measured(checks, vehicles)
+    first, others = on_stability.measured_gain_sentences(checks, vehicles)
     assert first == checks[0].sentence(vehicles)
     assert not missing([vehicles.label(number) for number in (3, 4)], others)
-    both = on_stability.against_measured(checks[:2], vehicles)
+    both = on_stability.measured_gain_sentences(checks[:2], vehicles)
     assert both == tuple(check.sentence(vehicles) for check in checks[:2])
 
 

@@ -14,7 +14,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures.strip import REACH, axis_around, strip_html
 from accpinn.results.figures.style import vehicle_colours
-from accpinn.results.marks import EXTRAPOLATED, LEGEND, OUTSIDE
+from accpinn.results.marks import EXTRAPOLATED, LEGEND, MEASURED, OUTSIDE
 from accpinn.results.strip import Strip, strip_of
 from accpinn.results.tables import Column, Marked, Table
 from accpinn.study.result import Result
@@ -39,6 +39,7 @@ def test_a_row_holds_what_the_estimate_says(made: Callable[[], Result]) -> None:
     for k, row in enumerate(shown.rows):
         assert row.time_gap.quantity == result.estimate.time_gap(shown.speed, k)
         assert row.growth.quantity == growths[k].gain
+        assert row.growth.is_measured == growths[k].is_measured
         assert row.l2.is_point == row.linf.is_point == (result.posterior is None)
         assert math.isnan(row.growth.quantity.lower) == (result.posterior is None)
 
@@ -154,12 +155,15 @@ def test_extrapolated_and_outside_an_interval_have_marks_of_their_own() -> None:
         html = strip_html(replace(strip, rows=(replace(first, time_gap=shown),)))
         shapes.append([word for word in ("ring", "square") if f'<s class="{word}"' in html])
     assert shapes == [[], ["ring"], ["square"]]
+    measured = replace(first, growth=replace(first.growth, is_measured=True))
+    html = strip_html(replace(strip, rows=(measured, *strip.rows[1:])))
+    assert html.count('<s class="cross"') == 1, "only the growth that is measured"
     column = Column("τ", "s", 2)
     cells = Quantity(1.0, 1.1, 1.2), Marked(1.0, "extrapolated", EXTRAPOLATED.glyph)
     table = Table.of("", [(column, cells)])
     assert [column.shown(cell)[4] for cell in cells] == ["□", "○"]
     assert {line[0] for line in table.legend} == {"□", "○"}
-    assert {OUTSIDE.glyph, EXTRAPOLATED.glyph} <= {word for word, _ in LEGEND}
+    assert {OUTSIDE.glyph, EXTRAPOLATED.glyph, MEASURED.glyph} <= {word for word, _ in LEGEND}
 
 
 def test_the_markup_has_a_reason_for_every_point_and_mark_and_no_html_of_a_name() -> None:

@@ -29,8 +29,9 @@ TRUTH = {
     "alpha": 0.1, "beta": 0.3, "tau": 1.2, "s0": 4.0, "lag": 0.4, "delay": 0.5,  # CTHP
     "a": 1.0, "b": 2.0, "T": 1.1, "v0": 38.0,  # IDM
     "kappa": 0.15, "relative": 0.3, "scale": 20.0, "steepness": 0.05, "middle": 20.0,  # FVDM
+    "alpha_long": 0.1, "q": 1.5, "beta_opening": 0.3, "k": 1.2, "headway": 1.2,  # unequal gains
 }  # fmt: skip
-GAINS = ("alpha", "a", "kappa")
+GAINS = ("alpha", "a", "kappa", "alpha_long")
 FURTHER = 1.15
 """The gain of the second follower in Case II, by that of the first."""
 SLOW = {

@@ -37,6 +37,8 @@ DOTS = 2400
 """Instants of all vehicles in the time-space diagram together."""
 SHADES = 11
 """Colours of its tracks."""
+LABEL_ROOM = 0.07
+"""Least distance of two vehicles' numbers beside their tracks, as a share of all places."""
 TRACKS = "tracks"
 """Name of the line that answers to the pointer, on all tracks."""
 STRIPES = 8
@@ -61,6 +63,8 @@ LABELLED = 6
 LEAST_GROWTH, GROWTH_RIM, LEAST_RIM = 1e-3, 0.15, 0.02
 """Least growth in sight; room around the bars as a share of their span, and at least, in decades.
 """
+MOST_DECADES = 3
+"""Decades of growth from which an axis has ticks at powers of ten alone."""
 WIDTHS = (2.5, 1.5)
 """Widths of the line of the leader, and of a follower."""
 LIGHTEST, DARKEST = 0.70, 0.42
@@ -246,8 +250,13 @@ def time_space(
         hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
     )  # fmt: skip
     _draw_tracks(chart, time, places, (speeds - middle) / limit)
-    chart.add(time[last], final, mode="text", textposition="middle right", cliponaxis=False,
-              text=[f" {number}" for number in cast.numbers], hoverinfo="skip")  # fmt: skip
+    named, room = [0], LABEL_ROOM * float(np.nanmax(places) - np.nanmin(places))
+    for k in range(1, len(final)):
+        if last[k] != last[named[-1]] or abs(final[named[-1]] - final[k]) >= room:
+            named.append(k)
+    chart.add(time[[last[k] for k in named]], [final[k] for k in named], mode="text",
+              textposition="middle right", cliponaxis=False, hoverinfo="skip",
+              text=[f" {cast.numbers[k]}" for k in named])  # fmt: skip
     at = time[[last[k] for k in collided]]
     chart.dots(at, [final[k] for k in collided], ENDS, hover=ENDS, marker=END)
     seen = {"road": "on the road", "leader": "seen from leader",
@@ -344,10 +353,22 @@ def growth_by_vehicle(
     shown = np.log10(np.clip(shown[np.isfinite(shown)], LEAST_GROWTH, None))
     low, high = min(shown, default=0.0), max(shown, default=0.0)
     rim = max(GROWTH_RIM * (high - low), LEAST_RIM)
-    chart.axis("y", f"{what} [× the leader's]", type="log", range=[low - rim, high + rim])
-    chart.words("each bar: the car's own gain", 0, 1, yanchor="bottom")
+    span = low - rim, high + rim
+    chart.axis("y", f"{what} [× the leader's]", type="log", range=span, **_decade_ticks(*span))
+    about = "bars: the car's own gain; ◇ recorded" if recorded else "each bar: the car's own gain"
+    chart.words(about, 0, 1, yanchor="bottom")
     _mark_vehicles(chart, "x", cast)
     return chart.figure()
+
+
+def _decade_ticks(low: float, high: float) -> dict[str, Any]:
+    """Ticks of a logarithmic axis over more than a decade, whose own are too many; else none."""
+    if high - low < 1:
+        return {}
+    steps = (1, 2, 5) if high - low < MOST_DECADES else (1,)
+    decades = 10.0 ** np.arange(np.floor(low), np.ceil(high))
+    values = np.outer(decades, steps).ravel()
+    return {"tickvals": values, "ticktext": [f"{value:g}" for value in values]}
 
 
 def _mark_vehicles(chart: style.Chart, axis: str, cast: Cast) -> None:

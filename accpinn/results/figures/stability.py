@@ -87,11 +87,17 @@ def measured_of(subject: AssessedVehicles) -> list[tuple[str, str, MeasuredGain]
 
     There is none for vehicles at another speed than the recorded ones.
     """
-    result = subject.result
-    if not (result and result.segments) or subject.speed is not None:
+    result, vehicles = subject.result, subject.vehicles
+    if subject.speed is not None:
         return []
-    info, gains = result.info, result.measured_gains
-    named = zip(info.labels[1:], style.vehicle_colours(info.vehicles)[1:], gains, strict=False)
+    if result:
+        gains = result.measured_gains if result.segments else ()
+        labels, numbers = result.info.labels[1:], result.info.vehicles
+    else:
+        gains = tuple(car.measured_gains[k] if car.segments else None for car, k in subject.cars)
+        labels, numbers = vehicles.labels, vehicles.vehicles
+    paints = style.vehicle_colours(numbers)[1:]
+    named = zip(labels, paints, gains, strict=False)
     return [(label, colour, gain) for label, colour, gain in named if gain]
 
 
@@ -103,7 +109,7 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     determined. Measured gains are points with bars. The height is in pixels.
     """
     vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
-    measured, platoon = measured_of(subject), _measured_platoon(subject)
+    measured, platoon = measured_of(subject), measured_platoon(subject)
     omega, paints = frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
@@ -140,7 +146,7 @@ def bode(subject: AssessedVehicles, height: int = 400) -> go.Figure:
     return chart.figure()
 
 
-def _measured_platoon(subject: AssessedVehicles) -> FloatArray:
+def measured_platoon(subject: AssessedVehicles) -> FloatArray:
     """(4, K) ω, and in dB both ends and the middle of the measured platoon's band; else empty."""
     many = len(subject.vehicles) > 1
     growth = subject.measured_growth(range(len(subject.vehicles))) if many else None

@@ -79,7 +79,9 @@ class Axis:
 
 
 def shape_of(estimated: Estimated) -> str:
-    """The class of a point: a ring where it is extrapolated, a square outside its interval."""
+    """The class of a point: a cross where measured, a ring extrapolated, a square outside."""
+    if estimated.is_measured:
+        return "cross"
     if estimated.is_extrapolated:
         return "ring"
     return "" if estimated.quantity.is_inside else "square"

@@ -11,8 +11,8 @@ ABOUT_DRIVE = (
 def drive_in_words(proposed: NextDrive) -> str:
     """What the car ahead does, and how far the intervals of α and β shrink."""
     shares = {row.name: row.relative_width for row in proposed.narrowing}
-    told = [f"{symbol} {100 * shares[name]:.0f} %" for name, symbol in (("alpha", "α"),
+    told = [f"{100 * shares[name]:.0f} % ({symbol})" for name, symbol in (("alpha", "α"),
             ("beta", "β")) if name in shares]  # fmt: skip
-    kind = f"{proposed.kind[0].upper()}{proposed.kind[1:]}"
-    narrower = f" Intervals, of those after a motorway drive: {', '.join(told)}." if told else ""
-    return f"{kind}; {proposed.limits.duration:g} s.{narrower}"
+    wide = " and ".join(told)
+    narrower = f" Intervals {wide} as wide as after a motorway drive." if told else ""
+    return f"{proposed.limits.duration:g} s: {proposed.kind}.{narrower}"

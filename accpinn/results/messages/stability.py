@@ -125,6 +125,9 @@ def next_to_stable(subject: AssessedVehicles) -> str:
         return ""
     most = min(lacking, key=lambda k: lacking[k].distance.value)
     who = "" if len(subject.vehicles) == 1 else f"{subject.vehicles.labels[most]} "
+    are_alike = len({margin.distance.value for margin in lacking.values()}) == 1
+    if are_alike and len(lacking) == len(subject.vehicles) > 1:
+        who = "each "
     said = f"{who}needs {_gap(lacking[most].distance, -1, 'more')} for string stability."
     return capital(said)
 
@@ -171,9 +174,11 @@ def waves_in_words(found: Waves) -> str:
     if not judged:
         return "No steady wave is found."
     braking, accelerating, size, name = max(judged, key=lambda row: max(row[:2]))
-    most = " most" if len(grow) > 1 else ""
+    lead = f"{name} amplifies{' most' if len(grow) > 1 else ''}"
+    if len(judged) == len(grow) > 1 == len({row[:2] for row in judged}):
+        lead = f"{capital(all_of(len(grow), 'vehicles'))} amplify"
     return (
-        f"{name} amplifies{most}: of a sinusoid of {3.6 * size:.0f} km/h ahead the lower half"
+        f"{lead}: of a sinusoid of {3.6 * size:.0f} km/h ahead the lower half"
         f" (braking) grows {grown(braking)}, the upper half (accelerating) {grown(accelerating)}."
     )
 
@@ -455,7 +460,9 @@ def most_amplifying(subject: AssessedVehicles) -> str:
     elif count == 1:
         sentence = f"{spoken[most]} amplifies {by}."
     elif all(kind == "unstable" for kind in assessed):
-        sentence = f"{all_of(count, 'vehicles')} amplify, {spoken[most]} most: {by}."
+        are_alike = len({growth.gain.value for growth in growths}) == 1
+        extent = by if are_alike else f"{spoken[most]} most: {by}"
+        sentence = f"{all_of(count, 'vehicles')} amplify{'' if are_alike else ','} {extent}."
     else:
         sentence = f"{spoken[most]} amplifies most: {by}."
     against = _is_contradicted(subject, [most] if amplifying else judged)
