@@ -136,7 +136,7 @@ def _show_next_drive(workspace: Workspace, result: Result, follower: int, page: 
     with right:
         show.chart(drive_figures.drive_narrowing(proposed), f"{key}_narrowing")
     show.table(drive_table(proposed))
-    show.caption("Expected half widths of the intervals.", ABOUT_DRIVE)
+    show.caption("Expected intervals.", ABOUT_DRIVE)
     st.download_button(
         "Save the drive", proposed.to_csv(), "drive.csv", "text/csv", key=f"{key}_csv",
         on_click="ignore", icon=":material/download:",
