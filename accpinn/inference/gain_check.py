@@ -46,8 +46,8 @@ _TEXTS: dict[Contradiction, str] = {
     " {peak:.1f} dB at {omega:.2g} rad/s). {Distance}.",
     "damps": "{vehicle}: amplifies disturbances by the model; the measured gain contradicts it (at"
     " most {highest:.1f} dB where the model amplifies). {Distance}.",
-    "apart": "{vehicle}: the verdict is the model's; the measured gain contradicts the model, as"
-    " their bands lie apart at {apart:.0%} of the frequencies. {Distance}.",
+    "apart": "{vehicle}: the measured gain contradicts the model: their bands lie apart at"
+    " {apart:.0%} of the frequencies. {Distance}.",
 }
 
 
@@ -100,10 +100,10 @@ class GainCheck(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         more = self.model_peak - self.peak
-        side = f"is {abs(more):.1f} dB {'above' if more > 0 else 'below'} the measured one"
+        side = f"{abs(more):.1f} dB {'above' if more > 0 else 'below'} the measured one"
         distance = (
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
-            f" frequencies), its largest gain there {'agrees' if abs(more) < 0.05 else side}"
+            f" frequencies), its peak there {'the same' if abs(more) < 0.05 else side}"
         )
         if self.is_underrated:
             distance += f": disturbances may grow up to {10 ** (self.peak / 20):.1f} times"

@@ -101,6 +101,12 @@ def idle(page: Page) -> None:
         raise AssertionError("\n".join(shown))
 
 
+DRAWN = """!document.querySelector('[data-testid=stSkeleton]')
+    && [...document.querySelectorAll('[data-testid=stPlotlyChart]')]
+    .every(chart => chart.querySelector('.js-plotly-plot .main-svg'))"""
+"""Whether nothing of a page is still to come."""
+
+
 # What journeys and pictures do on the pages.
 
 

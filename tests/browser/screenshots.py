@@ -14,6 +14,7 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 from tests.browser.running import (
+    DRAWN,
     PATIENCE_MS,
     TRAINING_MS,
     chart,
@@ -36,9 +37,6 @@ WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
 THEMES = ("light", "dark")
 SETTLE_MS = 700
 """Charts fade in; nothing on the page tells when they have."""
-DRAWN = """!document.querySelector('[data-testid=stSkeleton]')
-    && [...document.querySelectorAll('[data-testid=stPlotlyChart]')]
-    .every(chart => chart.querySelector('.js-plotly-plot .main-svg'))"""
 BATCH_MS = 20 * TRAINING_MS
 SCENES = {
     "home": ("/", "tour home", "press Train a sample now", "wait Next: string stability",

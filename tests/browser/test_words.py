@@ -14,6 +14,7 @@ from playwright.sync_api import Page, expect
 from accpinn.study.snapshot_library import Library
 from tests.browser.conftest import App, Open
 from tests.browser.running import (
+    DRAWN,
     TRAINING_MS,
     button,
     chart,
@@ -35,12 +36,24 @@ STABILITY_TABS = ("Poles and responses", "Region", "Margin", "Measured")
 FOUR_CARS = "AstaZero/ASta_040719_platoon5.csv"
 CASALE = "Casale/part7.csv"
 LONGEST_MS = 3 * TRAINING_MS
+SETTLE_MS = 250
 MANY = 12
 """Snapshots, more than a list shows at once."""
 
 
 Counts = dict[str, tuple[int, int]]
 """Words of the fold and of the page, by its title."""
+
+
+def counted(page: Page) -> tuple[int, int]:
+    """The words of the fold and of the page, once nothing of it changes any more."""
+    idle(page)
+    page.wait_for_function(DRAWN)
+    earlier, now = (0, 0), (0, 0)
+    while not now[0] or now != earlier:
+        page.wait_for_timeout(SETTLE_MS)
+        earlier, now = now, (len(words(page, is_fold=True)), len(words(page)))
+    return now
 
 
 def require_few(counts: Counts) -> None:
@@ -65,7 +78,7 @@ def test_a_page_holds_few_words(opened: Open, app: App) -> None:
     """With the recording of four followers where it is at hand, else with the sample."""
     page = opened("/")
     page.set_viewport_size({"width": 1440, "height": 900})
-    counts: Counts = {"at first": (len(words(page, is_fold=True)), len(words(page)))}
+    counts: Counts = {"at first": counted(page)}
     trained(page, FOUR_CARS if REAL else "")
     for title in ("Home", "Data"):
         go(page, title)
@@ -74,30 +87,30 @@ def test_a_page_holds_few_words(opened: Open, app: App) -> None:
         )  # fmt: skip
         expect(shown).to_be_visible()
         idle(page)
-        counts[title] = len(words(page, is_fold=True)), len(words(page))
+        counts[title] = counted(page)
     for title in ("Train", "Stability", "Platoon"):
         go(page, title)
         expect(page.locator(".strip-row[data-row]").first).to_be_visible()
         expect(page.locator(".js-plotly-plot").first).to_be_visible()
         idle(page)
-        counts[title] = len(words(page, is_fold=True)), len(words(page))
+        counts[title] = counted(page)
         for tab in STABILITY_TABS if title == "Stability" else ():
             open_tab(page, tab)
             idle(page)
-            counts[tab] = counts[title][0], len(words(page))
+            counts[tab] = counts[title][0], counted(page)[1]
         if title == "Stability":
             button(page, "What if").click()
-            counts["What if"] = counts[title][0], len(words(page))
+            counts["What if"] = counts[title][0], counted(page)[1]
     go(page, "Snapshots")
     save = button(page, "Save", exact=True)
     save.wait_for()
     idle(page)
-    counts["Snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    counts["Snapshots"] = counted(page)
     save.click()
     button(page, re.compile("Verify")).wait_for()
     expect(page.locator(".js-plotly-plot").first).to_be_visible()
     idle(page)
-    counts["a snapshot"] = len(words(page, is_fold=True)), len(words(page))
+    counts["a snapshot"] = counted(page)
     library = Library(app.snapshots)
     result = library.read(library.entries()[0].id)
     for k in range(MANY - 1):
@@ -106,11 +119,11 @@ def test_a_page_holds_few_words(opened: Open, app: App) -> None:
     more = button(page, f"Show all {MANY}")
     more.wait_for()
     idle(page)
-    counts["many snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    counts["many snapshots"] = counted(page)
     more.click()
     page.get_by_text("search for the others").wait_for()
     idle(page)
-    counts["all snapshots"] = len(words(page, is_fold=True)), len(words(page))
+    counts["all snapshots"] = counted(page)
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(counts)
     require_few(counts)
@@ -133,7 +146,7 @@ def test_compare_and_database_hold_few_words(opened: Open) -> None:
     def count(name: str, key: str) -> None:
         chart(page, key)
         idle(page)
-        counts[name] = len(words(page, is_fold=True)), len(words(page))
+        counts[name] = counted(page)
 
     go(page, "Compare")
     button(page, "Run all methods").click()
@@ -164,7 +177,7 @@ def test_the_reproduced_paper_holds_few_words(opened: Open, app: App) -> None:
     for state in ("before", "learned"):
         expect(page.locator(".js-plotly-plot")).to_have_count(11)
         idle(page)
-        counts[state] = len(words(page, is_fold=True)), len(words(page))
+        counts[state] = counted(page)
         if state == "before":
             everything.click()
             button(page, "Stop").wait_for()
@@ -185,7 +198,7 @@ def test_waves_by_a_model_of_either_direction_hold_few_words(opened: Open) -> No
     open_tab(page, "Waves")
     for key in ("stability_waves", "stability_waves_size"):
         chart(page, key)
-    counts = {"waves": (len(words(page, is_fold=True)), len(words(page)))}
+    counts = {"waves": counted(page)}
     page.set_viewport_size({"width": 1440, "height": 1000})
     print(counts)
     require_few(counts)
@@ -195,7 +208,7 @@ def test_a_row_gives_its_reasons_and_opens_its_car(opened: Open) -> None:
     page = opened("/")
     trained(page)
     page.set_viewport_size({"width": 1440, "height": 900})
-    require_few({"a sample": (len(words(page, is_fold=True)), len(words(page)))})
+    require_few({"a sample": counted(page)})
     page.set_viewport_size({"width": 1440, "height": 1000})
     row = page.locator(".strip-row[data-row='1']")
     mark = row.locator(".strip-mark").first
